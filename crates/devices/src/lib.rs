@@ -1,0 +1,1 @@
+//! Haptic devices and their stand-ins.

@@ -1,0 +1,61 @@
+use super::Vec3;
+
+/// An axis-aligned box \[mm\]; empty until something is added.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Aabb {
+    /// Smallest corner.
+    pub min: Vec3,
+    /// Largest corner.
+    pub max: Vec3,
+}
+
+impl Aabb {
+    /// The box that holds nothing.
+    pub const EMPTY: Self = Self {
+        min: Vec3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
+        max: Vec3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
+    };
+
+    /// The smallest box around some points.
+    pub fn around<'a>(points: impl IntoIterator<Item = &'a Vec3>) -> Self {
+        let mut bounds = Self::EMPTY;
+        for p in points {
+            bounds.add(p);
+        }
+        bounds
+    }
+
+    /// Widens the box to hold `p`.
+    pub fn add(&mut self, p: &Vec3) {
+        self.min = self.min.inf(p);
+        self.max = self.max.sup(p);
+    }
+
+    /// The box grown by `margin` on every side.
+    pub fn grown(&self, margin: f64) -> Self {
+        Self {
+            min: self.min.add_scalar(-margin),
+            max: self.max.add_scalar(margin),
+        }
+    }
+
+    /// Whether the two boxes share a point.
+    pub fn overlaps(&self, other: &Self) -> bool {
+        (0..3).all(|k| self.min[k] <= other.max[k] && other.min[k] <= self.max[k])
+    }
+
+    /// Whether `p` lies inside or on the border.
+    pub fn contains(&self, p: &Vec3) -> bool {
+        (0..3).all(|k| self.min[k] <= p[k] && p[k] <= self.max[k])
+    }
+
+    /// Edge lengths.
+    pub fn extent(&self) -> Vec3 {
+        self.max - self.min
+    }
+
+    /// Centre.
+    pub fn centre(&self) -> Vec3 {
+        (self.min + self.max) * 0.5
+    }
+}

@@ -1,0 +1,15 @@
+//! Meshes, distances, and where a point lies in them.
+mod aabb;
+mod spatial_hash;
+mod tet_mesh;
+mod tri_mesh;
+
+pub use aabb::Aabb;
+pub use spatial_hash::SpatialHash;
+pub use tet_mesh::{MeshError, NO_TET, TET_EDGES, TET_FACES, TetLocator, TetMesh};
+pub use tri_mesh::TriMesh;
+
+/// A position or a direction \[mm\].
+pub type Vec3 = nalgebra::Vector3<f64>;
+/// A rigid motion, named `to_from_from`: `world_from_tool * point_in_tool`.
+pub type Pose = nalgebra::Isometry3<f64>;

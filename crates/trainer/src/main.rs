@@ -1,0 +1,2 @@
+//! The program `osteotome`.
+fn main() {}
