@@ -1,2 +1,3 @@
 //! The program `osteotome`.
+mod scenario;
 fn main() {}
