@@ -1,3 +1,5 @@
 //! The program `osteotome`.
 mod scenario;
+mod session;
+mod surgeon;
 fn main() {}
