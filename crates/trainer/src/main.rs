@@ -1,4 +1,6 @@
 //! The program `osteotome`.
+mod input;
+mod loops;
 mod scenario;
 mod session;
 mod surgeon;

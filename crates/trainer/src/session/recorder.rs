@@ -25,20 +25,30 @@ impl Recorder {
         })
     }
 
-    /// A haptic step.
-    pub fn haptic(&mut self, sample: &HapticSample) -> Result<()> {
+    /// The crack after its last growth.
+    pub fn last_growth(&self) -> Option<&GrowthSample> {
+        self.last_growth.as_ref()
+    }
+
+    /// Closes the recording; the figures remain.
+    pub fn finish(self) -> Result<Metrics> {
+        self.writer.finish()?;
+        Ok(self.metrics)
+    }
+}
+
+impl crate::loops::Sink for Recorder {
+    fn haptic(&mut self, sample: &HapticSample) -> Result<()> {
         self.metrics.haptic(sample);
         self.writer.haptic(sample)
     }
 
-    /// A main step.
-    pub fn main(&mut self, sample: &MainSample) -> Result<()> {
+    fn main(&mut self, sample: &MainSample) -> Result<()> {
         self.metrics.main(sample);
         self.writer.main(sample)
     }
 
-    /// A growth step.
-    pub fn growth(&mut self, sample: GrowthSample) -> Result<()> {
+    fn growth(&mut self, sample: GrowthSample) -> Result<()> {
         let was_complete = self.metrics.is_complete();
         self.metrics.growth(&sample);
         self.writer.growth(&sample)?;
@@ -50,30 +60,16 @@ impl Recorder {
         Ok(())
     }
 
-    /// How long a step took; `grew` marks a propagation step that grew the crack.
-    pub fn timing(&mut self, sample: &StepTime, grew: bool) -> Result<()> {
+    fn timing(&mut self, sample: &StepTime, grew: bool) -> Result<()> {
         self.metrics.timing(sample, grew);
         self.writer.timing(sample)
     }
 
-    /// Something worth knowing.
-    pub fn event(&mut self, time: f64, event: &str) -> Result<()> {
+    fn event(&mut self, time: f64, event: &str) -> Result<()> {
         self.writer.event(time, event)
     }
 
-    /// A loop's pace.
-    pub fn pace(&mut self, of: Loop, pace: Pace) {
+    fn pace(&mut self, of: Loop, pace: Pace) {
         self.metrics.pace(of, pace);
-    }
-
-    /// The crack after its last growth.
-    pub fn last_growth(&self) -> Option<&GrowthSample> {
-        self.last_growth.as_ref()
-    }
-
-    /// Closes the recording; the figures remain.
-    pub fn finish(self) -> Result<Metrics> {
-        self.writer.finish()?;
-        Ok(self.metrics)
     }
 }
