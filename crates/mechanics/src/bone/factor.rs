@@ -1,6 +1,8 @@
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
-use faer::sparse::linalg::cholesky::{LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky};
+use faer::sparse::linalg::cholesky::{
+    LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
+};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side, Spec};
 use std::sync::Arc;
@@ -9,7 +11,9 @@ use std::sync::Arc;
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum FactorError {
     /// Some part of the body is held by nothing.
-    #[error("the stiffness matrix is not positive definite: some part of the bone is held by nothing")]
+    #[error(
+        "the stiffness matrix is not positive definite: some part of the bone is held by nothing"
+    )]
     NotPositiveDefinite,
     /// The factor does not fit into memory.
     #[error("not enough memory to factor the stiffness matrix of {0} unknowns")]
@@ -31,7 +35,12 @@ pub struct SolveScratch {
 
 impl std::fmt::Debug for Factor {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Factor({} unknowns, {} values)", self.symbolic.nrows(), self.values.len())
+        write!(
+            f,
+            "Factor({} unknowns, {} values)",
+            self.symbolic.nrows(),
+            self.values.len()
+        )
     }
 }
 
@@ -46,12 +55,21 @@ impl Factor {
     ///
     /// # Errors
     /// [`FactorError`] if the matrix is not positive definite or does not fit.
-    pub fn new(column_starts: &[usize], rows: &[usize], values: &[f64]) -> Result<Self, FactorError> {
+    pub fn new(
+        column_starts: &[usize],
+        rows: &[usize],
+        values: &[f64],
+    ) -> Result<Self, FactorError> {
         let n = column_starts.len() - 1;
         let memory = |_| FactorError::OutOfMemory(n);
         let pattern = SymbolicSparseColMatRef::new_checked(n, n, column_starts, None, rows);
-        let symbolic = factorize_symbolic_cholesky(pattern, Side::Lower, SymmetricOrdering::Amd, Default::default())
-            .map_err(memory)?;
+        let symbolic = factorize_symbolic_cholesky(
+            pattern,
+            Side::Lower,
+            SymmetricOrdering::Amd,
+            Default::default(),
+        )
+        .map_err(memory)?;
         let mut factor = vec![0.0; symbolic.len_val()];
         let need = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Spec::default());
         let mut buffer = MemBuffer::try_new(need).map_err(|_| FactorError::OutOfMemory(n))?;
@@ -66,7 +84,10 @@ impl Factor {
                 Spec::default(),
             )
             .map_err(|_| FactorError::NotPositiveDefinite)?;
-        Ok(Self { symbolic: Arc::new(symbolic), values: factor })
+        Ok(Self {
+            symbolic: Arc::new(symbolic),
+            values: factor,
+        })
     }
 
     /// Number of unknowns.
@@ -76,8 +97,13 @@ impl Factor {
 
     /// Memory for solves with up to `columns` right-hand sides.
     pub fn scratch(&self, columns: usize) -> SolveScratch {
-        let need = self.symbolic.solve_in_place_scratch::<f64>(columns, Par::Seq);
-        SolveScratch { buffer: MemBuffer::new(need), columns }
+        let need = self
+            .symbolic
+            .solve_in_place_scratch::<f64>(columns, Par::Seq);
+        SolveScratch {
+            buffer: MemBuffer::new(need),
+            columns,
+        }
     }
 
     /// Solves K x = b in place for right-hand sides stored one after the other. Allocates nothing.
@@ -85,7 +111,11 @@ impl Factor {
     /// `x`: n values a right-hand side, at most as many as `scratch` was made for.
     pub fn solve(&self, x: &mut [f64], scratch: &mut SolveScratch) {
         let columns = x.len() / self.n().max(1);
-        assert!(columns <= scratch.columns, "scratch is for {} right-hand sides, not {columns}", scratch.columns);
+        assert!(
+            columns <= scratch.columns,
+            "scratch is for {} right-hand sides, not {columns}",
+            scratch.columns
+        );
         let rhs = MatMut::from_column_major_slice_mut(x, self.n(), columns);
         LltRef::new(&self.symbolic, &self.values).solve_in_place_with_conj(
             Conj::No,

@@ -73,7 +73,10 @@ impl TetMaterial {
     /// Lame's constants.
     pub fn lame(&self) -> Lame {
         let (e, nu) = (self.young_modulus, self.poisson_ratio);
-        Lame { lambda: e * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), mu: e / (2.0 * (1.0 + nu)) }
+        Lame {
+            lambda: e * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)),
+            mu: e / (2.0 * (1.0 + nu)),
+        }
     }
 
     /// Plane-strain modulus E' = E / (1 - nu^2) \[MPa\].

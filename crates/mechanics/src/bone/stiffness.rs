@@ -36,8 +36,18 @@ mod tests {
     #[test]
     fn block_is_the_second_derivative_of_the_energy() {
         let lame = TetMaterial::isotropic(1000.0, 0.3, 1.0).lame();
-        let g = [Vec3::new(-0.3, -0.2, -0.7), Vec3::new(0.5, 0.1, 0.0), Vec3::new(-0.1, 0.4, 0.2), Vec3::new(-0.1, -0.3, 0.5)];
-        let u = [Vec3::new(0.1, 0.2, 0.3), Vec3::new(-0.2, 0.1, 0.0), Vec3::new(0.3, -0.1, 0.2), Vec3::new(0.0, 0.2, -0.3)];
+        let g = [
+            Vec3::new(-0.3, -0.2, -0.7),
+            Vec3::new(0.5, 0.1, 0.0),
+            Vec3::new(-0.1, 0.4, 0.2),
+            Vec3::new(-0.1, -0.3, 0.5),
+        ];
+        let u = [
+            Vec3::new(0.1, 0.2, 0.3),
+            Vec3::new(-0.2, 0.1, 0.0),
+            Vec3::new(0.3, -0.1, 0.2),
+            Vec3::new(0.0, 0.2, -0.3),
+        ];
         let grad = displacement_gradient(&g, &u);
         let energy = energy_density(&stress(&lame, &grad), &grad);
         let quadratic: f64 = (0..4)

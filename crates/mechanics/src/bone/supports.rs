@@ -14,7 +14,13 @@ impl Supports {
     /// `alpha` E h, where h is the mean edge length.
     ///
     /// `alpha` 1e-7 to 1e-6 changes the energy of a held body by 1e-6 to 1e-5.
-    pub fn near(mesh: &TetMesh, centres: &[crate::geometry::Vec3], radius: f64, alpha: f64, young_modulus: f64) -> Self {
+    pub fn near(
+        mesh: &TetMesh,
+        centres: &[crate::geometry::Vec3],
+        radius: f64,
+        alpha: f64,
+        young_modulus: f64,
+    ) -> Self {
         let mut fixed = Vec::new();
         for c in centres {
             let distance = |i: &u32| (mesh.nodes()[*i as usize] - c).norm();
@@ -24,6 +30,9 @@ impl Supports {
         }
         fixed.sort_unstable();
         fixed.dedup();
-        Self { fixed, ground_spring: alpha * young_modulus * mesh.mean_edge_length() }
+        Self {
+            fixed,
+            ground_spring: alpha * young_modulus * mesh.mean_edge_length(),
+        }
     }
 }
