@@ -1,10 +1,12 @@
 //! Meshes, distances, and where a point lies in them.
 mod aabb;
+mod signed_distance;
 mod spatial_hash;
 mod tet_mesh;
 mod tri_mesh;
 
 pub use aabb::Aabb;
+pub use signed_distance::{Closest, MeshDistance, SignedDistance};
 pub use spatial_hash::SpatialHash;
 pub use tet_mesh::{MeshError, NO_TET, TET_EDGES, TET_FACES, TetLocator, TetMesh};
 pub use tri_mesh::TriMesh;
