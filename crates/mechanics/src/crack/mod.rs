@@ -3,9 +3,12 @@ pub mod criterion;
 mod cut_edges;
 mod enrichment;
 mod fragments;
+pub mod stress_intensity;
+mod surface;
 mod system;
 
 pub use cut_edges::CutEdges;
 pub use enrichment::{Cell, NO_CELL, STANDARD, Topology};
-pub use fragments::{Fragments, UnionFind, bridging_edges};
+pub use fragments::{Fragments, SMALLEST_FRAGMENT, UnionFind, bridging_edges};
+pub use surface::{CrackSurface, Front, LinePoint, Sheet};
 pub use system::System;
