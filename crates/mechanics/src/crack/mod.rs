@@ -3,6 +3,7 @@ pub mod criterion;
 mod cut_edges;
 mod enrichment;
 mod fragments;
+pub mod growth;
 pub mod stress_intensity;
 mod surface;
 mod system;

@@ -55,10 +55,8 @@ pub struct Station {
     pub k: StressIntensity,
     /// Energy release rate of straight growth by the domain integral \[N/mm\].
     pub g: f64,
-    /// Plane-strain modulus near the station \[MPa\].
-    pub modulus: f64,
-    /// Poisson's ratio near the station.
-    pub poisson_ratio: f64,
+    /// Material near the station: mean over its domain.
+    pub material: TetMaterial,
     /// Share of the station's hat that lies inside the body; below [`LEAST_INSIDE`] the values are not to be trusted.
     pub inside: f64,
 }
@@ -103,8 +101,7 @@ pub fn evaluate(fields: &Fields, sheet: &Sheet, front: &Front, h: f64) -> Vec<St
                 normal: line.normal[k],
                 k: StressIntensity::default(),
                 g: 0.0,
-                modulus: material.plane_strain_modulus(),
-                poisson_ratio: material.poisson_ratio,
+                material,
                 inside: inside[k].0,
             };
             let length = inside[k].1;
@@ -445,30 +442,59 @@ fn for_loads(
     }
 }
 
-/// Material near a station: mean over its domain, weighted by volume and extension.
+/// Material near a station: mean over its domain, weighted by volume and extension. Osteons have no sense, so their
+/// directions are summed towards the first one met.
 fn mean_material(
     fields: &Fields,
     states: &[CellState],
     near: &[NearNode],
     extension: &[Vec3],
 ) -> TetMaterial {
-    let (mut total, mut young, mut poisson) = (0.0, 0.0, 0.0);
+    let (mut total, mut sum) = (0.0, [0.0; 4]);
+    let mut osteon = Vec3::zeros();
     for s in states {
+        let place = |n: &u32| near.binary_search_by_key(n, |x| x.node).ok();
         let nodes = &fields.mesh.tets()[s.tet as usize];
         let reach: f64 = nodes
             .iter()
-            .filter_map(|n| near.binary_search_by_key(n, |x| x.node).ok())
+            .filter_map(place)
             .map(|p| extension[p].norm())
             .sum();
         let m = &fields.materials[s.tet as usize];
-        total += s.volume * reach;
-        young += s.volume * reach * m.young_modulus;
-        poisson += s.volume * reach * m.poisson_ratio;
+        let weight = s.volume * reach;
+        total += weight;
+        let values = [
+            m.young_modulus,
+            m.poisson_ratio,
+            m.toughness_along,
+            m.toughness_across,
+        ];
+        (0..4).for_each(|k| sum[k] += weight * values[k]);
+        osteon += m.osteon
+            * if m.osteon.dot(&osteon) < 0.0 {
+                -weight
+            } else {
+                weight
+            };
     }
-    if total > 0.0 {
-        TetMaterial::isotropic(young / total, poisson / total, 1.0)
-    } else {
-        fields.materials[0]
+    if total <= 0.0 {
+        return fields.materials[0];
+    }
+    let [
+        young_modulus,
+        poisson_ratio,
+        toughness_along,
+        toughness_across,
+    ] = sum.map(|v| v / total);
+    let osteon = osteon
+        .try_normalize(1e-12)
+        .unwrap_or(fields.materials[0].osteon);
+    TetMaterial {
+        young_modulus,
+        poisson_ratio,
+        toughness_along,
+        toughness_across,
+        osteon,
     }
 }
 
@@ -540,7 +566,7 @@ fn interaction(
         }
         extension.iter().zip(&c).map(|(q, c)| q.dot(c)).sum::<f64>() / length
     };
-    let (e, mu) = (station.modulus, lame.mu);
+    let (e, mu) = (station.material.plane_strain_modulus(), lame.mu);
     StressIntensity {
         k1: 0.5 * e * value(0),
         k2: 0.5 * e * value(1),
