@@ -1,12 +1,14 @@
 //! Meshes, distances, and where a point lies in them.
 mod aabb;
 mod block;
+mod distance_grid;
 mod spatial_hash;
 mod tet_mesh;
 mod tri_mesh;
 
 pub use aabb::Aabb;
 pub use block::block_mesh;
+pub use distance_grid::{DistanceGrid, DistanceSample, GridError};
 pub use spatial_hash::SpatialHash;
 pub use tet_mesh::{MeshError, NO_TET, TET_EDGES, TET_FACES, TetLocator, TetMesh};
 pub use tri_mesh::TriMesh;
