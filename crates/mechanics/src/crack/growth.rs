@@ -400,10 +400,10 @@ fn finish_end(
             line.truncate(k + 1);
             return;
         }
-        outside = if around.is_inside(&b) {
-            0.0
+        outside += if last_inside.is_some_and(|i| k > i) {
+            length
         } else {
-            outside + length
+            0.0
         };
         if outside > margin {
             line.truncate(k + 1);

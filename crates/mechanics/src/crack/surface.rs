@@ -150,11 +150,27 @@ impl CrackSurface {
                 .filter(is_active)
                 .collect();
             active.retain(|e| next.get(&e[0]) == Some(&e[1]));
-            fronts.extend(chains(&active).into_iter().map(|(vertices, closed)| Front {
-                sheet,
-                vertices,
-                closed,
-            }));
+            let previous: FxHashMap<u32, u32> = next.iter().map(|(a, b)| (*b, *a)).collect();
+            // An open chain must not end inside the body: its ends have to run along the face or the other sheet.
+            let is_loose =
+                |v: u32| locator.find_near(mesh, &at(v), 0.2 * stick).is_some() && !arrived(v);
+            for (mut vertices, closed) in chains(&active) {
+                if !closed {
+                    let [first, last] = [vertices[0], vertices[vertices.len() - 1]];
+                    let onward = |v: u32, map: &FxHashMap<u32, u32>| {
+                        map.get(&v).copied().filter(|_| is_loose(v))
+                    };
+                    vertices.extend(onward(last, &next).filter(|v| *v != first));
+                    if let Some(v) = onward(first, &previous).filter(|v| !vertices.contains(v)) {
+                        vertices.insert(0, v);
+                    }
+                }
+                fronts.push(Front {
+                    sheet,
+                    vertices,
+                    closed,
+                });
+            }
         }
         fronts
     }

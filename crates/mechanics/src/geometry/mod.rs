@@ -1,6 +1,7 @@
 //! Meshes, distances, and where a point lies in them.
 mod aabb;
 mod block;
+mod distance_grid;
 mod signed_distance;
 mod spatial_hash;
 mod tet_mesh;
@@ -9,6 +10,7 @@ mod triangle;
 
 pub use aabb::Aabb;
 pub use block::block_mesh;
+pub use distance_grid::{DistanceGrid, DistanceSample, GridError};
 pub use signed_distance::{Closest, MeshDistance, SignedDistance};
 pub use spatial_hash::SpatialHash;
 pub use tet_mesh::{MeshError, NO_TET, TET_EDGES, TET_FACES, TetLocator, TetMesh};
