@@ -127,6 +127,12 @@ pub fn evaluate(fields: &Fields, sheet: &Sheet, front: &Front, h: f64) -> Vec<St
         .collect()
 }
 
+/// Positions of a front's vertices and their outward directions q, as [`evaluate`] uses them.
+pub fn front_frames(sheet: &Sheet, front: &Front, h: f64) -> (Vec<Vec3>, Vec<Vec3>) {
+    let line = FrontLine::new(sheet, front, h);
+    (line.points, line.advance)
+}
+
 fn plateau(r: f64, h: f64) -> f64 {
     ((PLATEAU[1] - r / h) / (PLATEAU[1] - PLATEAU[0])).clamp(0.0, 1.0)
 }
