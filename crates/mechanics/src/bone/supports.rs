@@ -10,7 +10,8 @@ pub struct Supports {
 }
 
 impl Supports {
-    /// Holds the nodes within `radius` of any of `centres` (at least the nearest node of each), with ground springs of
+    /// Holds the nodes within `radius` of any of `centres` (at least the three nearest of each, so that no hinge is left), with
+    /// ground springs of
     /// `alpha` E h, where h is the mean edge length.
     ///
     /// `alpha` 1e-7 to 1e-6 changes the energy of a held body by 1e-6 to 1e-5.
@@ -24,9 +25,10 @@ impl Supports {
         let mut fixed = Vec::new();
         for c in centres {
             let distance = |i: &u32| (mesh.nodes()[*i as usize] - c).norm();
-            let all = 0..mesh.nodes().len() as u32;
-            fixed.extend(all.clone().filter(|i| distance(i) <= radius));
-            fixed.extend(all.min_by(|a, b| distance(a).total_cmp(&distance(b))));
+            let mut nearest: Vec<u32> = (0..mesh.nodes().len() as u32).collect();
+            nearest.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
+            let within = nearest.partition_point(|i| distance(i) <= radius);
+            fixed.extend(&nearest[..within.max(3).min(nearest.len())]);
         }
         fixed.sort_unstable();
         fixed.dedup();

@@ -1,6 +1,7 @@
 use super::enrichment::{Cell, STANDARD, Topology};
 use crate::bone::{Factor, FactorError, SolveScratch, Supports, TetMaterial, stiffness};
 use crate::geometry::{TetMesh, Vec3};
+use nalgebra::Matrix3;
 
 /// "No unknown": a held node or its enrichment.
 const HELD: u32 = u32::MAX;
@@ -32,23 +33,32 @@ impl System {
     ) -> Result<Self, FactorError> {
         let (block_of_node, block_of_enrichment) = number_blocks(mesh, topology, supports);
         let free = |b: &&u32| **b != HELD;
-        let n_nodes = block_of_node.iter().filter(free).count();
-        let n_blocks = n_nodes + block_of_enrichment.iter().filter(free).count();
+        let n_blocks = block_of_node
+            .iter()
+            .chain(&block_of_enrichment)
+            .filter(free)
+            .count();
         let mut blocks = BlockMatrix::new(n_blocks);
-        let mut pattern = true;
+        let mut around = vec![0.0; mesh.nodes().len()];
+        for (tet, v) in mesh.tets().iter().zip(mesh.volumes()) {
+            tet.iter().for_each(|&n| around[n as usize] += v);
+        }
+        // First pass: where entries are; second: what they are.
         for _ in 0..2 {
             for cell in topology.cells() {
                 let t = cell.tet as usize;
                 let (lame, g) = (materials[t].lame(), &mesh.gradients()[t]);
                 let unknowns = unknowns(mesh, cell, &block_of_node, &block_of_enrichment);
                 let weight = mesh.volumes()[t] * cell.fraction;
+                // Soft tissue holds the material, so each cell takes its share, also of what only its enrichments move.
+                let ground: [f64; 4] =
+                    mesh.tets()[t].map(|n| supports.ground_spring * weight / around[n as usize]);
                 for a in 0..4 {
                     for b in 0..4 {
-                        let k = if pattern {
-                            Default::default()
-                        } else {
-                            stiffness::block(&lame, &g[a], &g[b]) * weight
-                        };
+                        let mut k = stiffness::block(&lame, &g[a], &g[b]) * weight;
+                        if a == b {
+                            k += Matrix3::from_diagonal_element(ground[a]);
+                        }
                         for &row in unknowns[a].iter().filter(free) {
                             for &col in unknowns[b].iter().filter(free) {
                                 if row >= col {
@@ -59,13 +69,8 @@ impl System {
                     }
                 }
             }
-            if pattern {
-                blocks.freeze();
-                pattern = false;
-            }
+            blocks.freeze();
         }
-        let spring = nalgebra::Matrix3::from_diagonal_element(supports.ground_spring);
-        (0..n_nodes as u32).for_each(|b| blocks.add(b, b, &spring));
         let (column_starts, rows, values) = blocks.into_lower_columns();
         let factor = Factor::new(&column_starts, &rows, &values)?;
         Ok(Self {
@@ -233,7 +238,7 @@ fn unknowns(mesh: &TetMesh, cell: &Cell, of_node: &[u32], of_enrichment: &[u32])
 struct BlockMatrix {
     keys: Vec<u64>,
     first: Vec<usize>,
-    values: Vec<nalgebra::Matrix3<f64>>,
+    values: Vec<Matrix3<f64>>,
 }
 
 impl BlockMatrix {
@@ -246,6 +251,9 @@ impl BlockMatrix {
     }
 
     fn freeze(&mut self) {
+        if !self.values.is_empty() {
+            return;
+        }
         self.keys.sort_unstable();
         self.keys.dedup();
         self.values = vec![Default::default(); self.keys.len()];
@@ -257,7 +265,7 @@ impl BlockMatrix {
         }
     }
 
-    fn add(&mut self, row: u32, col: u32, block: &nalgebra::Matrix3<f64>) {
+    fn add(&mut self, row: u32, col: u32, block: &Matrix3<f64>) {
         let key = u64::from(col) << 32 | u64::from(row);
         if self.values.is_empty() {
             self.keys.push(key);
