@@ -76,14 +76,10 @@ pub fn lockstep<H: HapticPart, M: MainPart, P: PropagationPart>(
                 sink.timing(&step, true)?;
             }
         }
-        progress(time, crack.fragments);
+        progress(time, crack.severed);
     }
-    if haptic.faults > 0 {
-        let faults = haptic.faults;
-        sink.event(
-            time,
-            &format!("{faults} wrenches were not finite; zero was displayed"),
-        )?;
+    for event in haptic.events() {
+        sink.event(time, &event)?;
     }
     let haptic = haptic.part;
     Ok(Parts {

@@ -32,6 +32,8 @@ pub struct HandOutput {
 pub trait HapticPart: Send {
     /// One step of `dt` \[s\]. Does not allocate, wait or log.
     fn step(&mut self, devices: &[Pose; 2], dt: f64) -> [HandOutput; 2];
+    /// Why the output has been zero since, if it has.
+    fn fault(&self) -> Option<String>;
 }
 
 /// The main loop's share: steps 1 to 7 to convergence.
@@ -87,8 +89,8 @@ pub trait Sink {
     fn pace(&mut self, of: Loop, pace: Pace);
 }
 
-/// Told how far the simulated time has come \[s\], and how many pieces the bone has.
-pub type Progress<'a> = &'a mut dyn FnMut(f64, usize);
+/// Told how far the simulated time has come \[s\], and whether the bone is apart.
+pub type Progress<'a> = &'a mut dyn FnMut(f64, bool);
 
 /// The haptic loop: hands, devices, step.
 struct HapticLoop<H> {
@@ -134,6 +136,17 @@ impl<H: HapticPart> HapticLoop<H> {
         }
     }
 
+    /// What went wrong on the way.
+    fn events(&self) -> Vec<String> {
+        let refused = (self.faults > 0).then(|| {
+            format!(
+                "{} wrenches were not finite; zero was displayed",
+                self.faults
+            )
+        });
+        self.part.fault().into_iter().chain(refused).collect()
+    }
+
     fn is_finished(&self) -> bool {
         self.next_step >= self.max_steps || self.input.is_finished()
     }
@@ -143,12 +156,8 @@ impl<H: HapticPart> HapticLoop<H> {
 fn view(sample: &GrowthSample) -> CrackView {
     CrackView {
         generation: sample.generation,
-        fragments: sample.fragments,
-        front: sample
-            .front
-            .iter()
-            .map(|f| Vec3::from(f.position))
-            .collect(),
+        severed: sample.severed,
+        front: sample.tips.clone(),
     }
 }
 
@@ -158,7 +167,6 @@ mod tests {
     //! a little with every tenth main step until the bone is in two.
     use super::*;
     use crate::scenario::{BSSO_RIGHT, Source, load};
-    use crate::session::FrontPoint;
     use crate::surgeon::{Mark, SplitLine};
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU64, Ordering};
@@ -182,6 +190,9 @@ mod tests {
                 contacts: 3,
             })
         }
+        fn fault(&self) -> Option<String> {
+            None
+        }
     }
 
     impl MainPart for Spring {
@@ -202,21 +213,18 @@ mod tests {
     impl PropagationPart for Spring {
         fn crack(&self) -> GrowthSample {
             let depth = 4.0 + 0.2 * self.generation as f64;
-            let front = (0..=30).map(|i| FrontPoint {
-                position: [f64::from(i), 0.0, -depth],
-                k: [1.0, 0.0, 0.0],
-                g: 0.5,
-                angle: 0.0,
-            });
+            let tips = (0..=30).map(|i| Vec3::new(f64::from(i), 0.0, -depth));
             GrowthSample {
                 time: 0.0,
                 vertices: vec![],
                 triangles: vec![],
                 kerf: vec![],
                 generation: self.generation,
-                front: front.collect(),
+                front: vec![],
                 area: 6.0 * self.generation as f64,
                 fragments: 1 + usize::from(self.generation >= 40),
+                severed: self.generation >= 40,
+                tips: tips.collect(),
             }
         }
 

@@ -62,7 +62,7 @@ pub fn realtime<H: HapticPart, M: MainPart, P: PropagationPart>(
         let (main, main_pace) = join(main?, "main")?;
         let (propagation, propagation_pace) = join(propagation?, "propagation")?;
         recorded?;
-        drain(&mut rings_out, sink, &mut 0)?;
+        drain(&mut rings_out, sink, &mut false)?;
         report(sink, Loop::Haptic, &haptic_pace, shared, dt)?;
         report(sink, Loop::Main, &main_pace, shared, dt)?;
         report(sink, Loop::Propagation, &propagation_pace, shared, dt)?;
@@ -74,12 +74,12 @@ pub fn realtime<H: HapticPart, M: MainPart, P: PropagationPart>(
     })
 }
 
-/// A loop's pace and the samples its full ring dropped, and wrenches it could not show.
+/// A loop's pace, the samples its full ring dropped, and what went wrong.
 #[derive(Default)]
 struct Account {
     pace: Pace,
     dropped: u64,
-    faults: u32,
+    events: Vec<String>,
 }
 
 fn report(sink: &mut impl Sink, of: Loop, a: &Account, shared: &Shared, dt: f64) -> Result<()> {
@@ -91,12 +91,8 @@ fn report(sink: &mut impl Sink, of: Loop, a: &Account, shared: &Shared, dt: f64)
             &format!("{of:?} loop: {} samples were not recorded", a.dropped),
         )?;
     }
-    if a.faults > 0 {
-        let faults = a.faults;
-        sink.event(
-            time,
-            &format!("{faults} wrenches were not finite; zero was displayed"),
-        )?;
+    for event in &a.events {
+        sink.event(time, event)?;
     }
     Ok(())
 }
@@ -176,7 +172,7 @@ fn haptic_loop<H: HapticPart>(
     let account = Account {
         pace: pacer.pace,
         dropped: ring.n_dropped(),
-        faults: haptic.faults,
+        events: haptic.events(),
     };
     (haptic.part, account)
 }
@@ -199,7 +195,7 @@ fn main_loop<M: MainPart>(
     let account = Account {
         pace: pacer.pace,
         dropped: ring.n_dropped(),
-        faults: 0,
+        events: vec![],
     };
     (part, account)
 }
@@ -241,7 +237,7 @@ fn propagation_loop<P: PropagationPart>(
     let account = Account {
         pace,
         dropped: ring.n_dropped(),
-        faults: 0,
+        events: vec![],
     };
     (part, account)
 }
@@ -254,23 +250,23 @@ fn record(
     shared: &Shared,
     dt: f64,
 ) -> Result<()> {
-    let mut fragments = 1;
+    let mut severed = false;
     while !shared.is_stopping() {
-        drain(rings, sink, &mut fragments)?;
-        progress(shared.steps() as f64 * dt, fragments);
+        drain(rings, sink, &mut severed)?;
+        progress(shared.steps() as f64 * dt, severed);
         std::thread::sleep(Duration::from_millis(20));
     }
     Ok(())
 }
 
 /// Takes out what is in the rings.
-fn drain(rings: &mut RingsOut, sink: &mut impl Sink, fragments: &mut usize) -> Result<()> {
+fn drain(rings: &mut RingsOut, sink: &mut impl Sink, severed: &mut bool) -> Result<()> {
     while let Ok(Timed { sample, step_us }) = rings.propagation.pop() {
         let Looked { time, growth } = sample;
         let grew = growth.is_some();
         if let Some(mut growth) = growth {
             growth.time = time;
-            *fragments = growth.fragments;
+            *severed = growth.severed;
             sink.growth(*growth)?;
         }
         sink.timing(

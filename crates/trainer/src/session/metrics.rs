@@ -215,7 +215,7 @@ impl Metrics {
     pub fn growth(&mut self, sample: &GrowthSample) {
         self.area = sample.area;
         self.fragments = sample.fragments;
-        if sample.fragments >= 2 && self.broken_at.is_none() {
+        if sample.severed && self.broken_at.is_none() {
             self.broken_at = Some(sample.time);
         }
     }
@@ -395,6 +395,8 @@ mod tests {
             front: vec![],
             area: 300.0,
             fragments: 2,
+            severed: true,
+            tips: vec![],
         }
     }
 

@@ -79,13 +79,17 @@ pub struct GrowthSample {
     pub kerf: Vec<f64>,
     /// Which generation of the bone this is.
     pub generation: u64,
-    /// The front.
+    /// The fronts as they were when they grew; empty for the saw cuts.
     pub front: Vec<FrontPoint>,
     /// Area of broken bone, the saw's excluded \[mm2\].
     pub area: f64,
     /// Pieces of 1 % of the volume or more.
-    #[serde(skip)]
     pub fragments: usize,
+    /// Whether the operated side has come off: the split is complete.
+    pub severed: bool,
+    /// Where the bone still holds: the new front inside the bone, or what bridges the gap \[mm\].
+    #[serde(skip)]
+    pub tips: Vec<Vec3>,
 }
 
 /// The three loops.

@@ -1,6 +1,6 @@
 //! The built-in surgeon: target poses for two hands, out of what can be seen and felt.
 //!
-//! Seen: the crack front and the number of fragments ([`CrackView`]). Felt: the displayed wrenches. Both chisels go into
+//! Seen: the crack front and whether the bone is apart ([`CrackView`]). Felt: the displayed wrenches. Both chisels go into
 //! the line, twist in opposite directions, follow the crack down, are driven as wedges where it stands still, and one is
 //! moved along the line to where the bone still holds. On the break the surgeon goes on for a reaction time, then
 //! relaxes and withdraws. Nothing here allocates: it runs in the haptic loop.
@@ -17,9 +17,9 @@ use osteotome_mechanics::geometry::{Pose, Vec3};
 pub struct CrackView {
     /// Grows by one with every growth step.
     pub generation: u64,
-    /// Pieces of the bone.
-    pub fragments: usize,
-    /// The front's vertices inside the bone \[mm\].
+    /// Whether the split is complete.
+    pub severed: bool,
+    /// Where the bone still holds: the front's vertices inside it \[mm\].
     pub front: Vec<Vec3>,
 }
 
@@ -191,7 +191,7 @@ impl BuiltInSurgeon {
     }
 
     fn next_phase(&mut self, crack: &CrackView, felt_loss: bool) -> Phase {
-        let (now, broken) = (self.time, crack.fragments >= 2);
+        let (now, broken) = (self.time, crack.severed);
         match self.phase {
             Phase::Splitting if broken || felt_loss => Phase::Reacting {
                 until: now + self.habits.reaction_time,
@@ -425,7 +425,6 @@ mod tests {
                 stops_at,
                 breaks_at,
             };
-            bone.view.fragments = 1;
             bone.place();
             bone
         }
@@ -446,9 +445,9 @@ mod tests {
                 self.place();
             }
             if self.depth >= self.breaks_at {
-                self.view.fragments = 2;
+                self.view.severed = true;
             }
-            let torque = if self.view.fragments == 1 { 100.0 } else { 0.0 };
+            let torque = if self.view.severed { 0.0 } else { 100.0 };
             [0, 1].map(|i| Wrench {
                 force: Vec3::zeros(),
                 torque: Vec3::z() * (torque * surgeon.hands[i].twist),
@@ -538,7 +537,7 @@ mod tests {
         while !matches!(surgeon.phase, Phase::Relaxing { .. }) {
             surgeon.step(&bone.view, &wrenches);
             wrenches = bone.step(&surgeon);
-            if bone.view.fragments == 2 {
+            if bone.view.severed {
                 broken_at.get_or_insert(surgeon.time);
             }
         }
