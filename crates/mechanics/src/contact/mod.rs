@@ -12,7 +12,9 @@ pub use bounding_volumes::BoundingVolumes;
 pub use friction::Anchors;
 pub use point_shell::{PointOrigin, PointShell, ShellPoint};
 pub use query::{Candidates, Contact, ContactScene, penetrations};
-pub use response::{ContactLaw, ContactLawError, PointForce, Response, append_point_forces, respond};
+pub use response::{
+    ContactLaw, ContactLawError, PointForce, Response, append_point_forces, respond,
+};
 pub use rigid_shape::{RigidShape, SurfaceSample};
 pub use shape_pair::{PairResponse, respond_pair};
 pub use wrench::{Matrix6, Vector6, Wrench};

@@ -205,11 +205,7 @@ impl CellQuery<'_> {
         let mut q = [[0.0f32; BLOCK]; 3];
         for start in (0..n).step_by(BLOCK) {
             let block = start..n.min(start + BLOCK);
-            transform(
-                self.m,
-                points.weights.map(|w| &w[block.clone()]),
-                &mut q,
-            );
+            transform(self.m, points.weights.map(|w| &w[block.clone()]), &mut q);
             for (i, k) in block.enumerate() {
                 let position = [q[0][i], q[1][i], q[2][i]];
                 let Some(sample) = self.inside(position, &points.normals[k]) else {

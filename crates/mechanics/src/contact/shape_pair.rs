@@ -39,8 +39,7 @@ pub fn respond_pair(
         return response;
     }
     for (field, sampled) in [(0, 1), (1, 0)] {
-        let field_from_sampled =
-            world_from_shape[field].inv_mul(&world_from_shape[sampled]);
+        let field_from_sampled = world_from_shape[field].inv_mul(&world_from_shape[sampled]);
         for sample in &shapes[sampled].samples {
             let touch = Touch::find(shapes[field], &field_from_sampled, sample, law);
             if let Some(touch) = touch {

@@ -43,10 +43,7 @@ impl Wrench {
 
     /// Whether every component is a finite number.
     pub fn is_finite(&self) -> bool {
-        self.force
-            .iter()
-            .chain(&self.torque)
-            .all(|c| c.is_finite())
+        self.force.iter().chain(&self.torque).all(|c| c.is_finite())
     }
 }
 
