@@ -1,1 +1,2 @@
 //! (see the crate's own page)
+pub mod haptic;

@@ -100,6 +100,22 @@ pub struct ToolsResult {
     pub contact_energy: f64,
 }
 
+impl ToolsResult {
+    /// Nothing was solved.
+    pub const NONE: Self = Self {
+        coupling: [Wrench::ZERO; 2],
+        contact: [Wrench::ZERO; 2],
+        saturation: [[0.0; 2]; 2],
+        residual: [0.0; 2],
+        converged: false,
+        iterations: 0,
+        n_contacts: [0; 2],
+        n_pair_contacts: 0,
+        n_dropped: 0,
+        contact_energy: 0.0,
+    };
+}
+
 /// How large a scene the scratch can take without losing anything.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScratchLimits {
@@ -299,11 +315,10 @@ impl<'a> Solve<'a> {
         let touching = self.scratch.pair.n_contacts + pair.n_contacts > 0;
         let active = idle.map(|i| !i);
         let taken = if touching {
-            let gain = self.scratch.pair.energy - pair.energy;
-            [self.judge(active, step, gain); 2]
+            [self.judge(active, step, Some(&pair)); 2]
         } else {
             [[true, false], [false, true]]
-                .map(|only| self.judge([0, 1].map(|t| only[t] && active[t]), step, 0.0))
+                .map(|only| self.judge([0, 1].map(|t| only[t] && active[t]), step, None))
         };
         for t in 0..2 {
             if taken[t] && active[t] {
@@ -320,9 +335,12 @@ impl<'a> Solve<'a> {
     }
 
     /// Whether the trial of the `tools` together is better than where they are; adapts their radii.
-    fn judge(&mut self, tools: [bool; 2], step: &Vector12, pair_gain: f64) -> bool {
+    fn judge(&mut self, tools: [bool; 2], step: &Vector12, pair: Option<&PairResponse>) -> bool {
         let members = || (0..2).filter(|&t| tools[t]);
-        let (mut gain, mut scale) = (pair_gain, 0.0);
+        let (mut gain, mut scale) = (0.0, 0.0);
+        let none = PairResponse::NONE;
+        let pair = [&self.scratch.pair, pair.unwrap_or(&none)];
+        gain += pair[0].energy - pair[1].energy;
         let (mut before, mut after) = (0.0, 0.0);
         for t in members() {
             let (now, trial) = (&self.scratch.now[t], &self.scratch.trial[t]);
@@ -330,8 +348,12 @@ impl<'a> Solve<'a> {
             let work = 0.5 * friction.dot(&self.motion(step, t));
             gain += now.energy() - trial.energy() + work;
             scale += now.energy();
-            before += self.scaled(&now.wrench()).norm_squared();
-            after += self.scaled(&trial.wrench()).norm_squared();
+            before += self
+                .scaled(&(now.wrench() + pair[0].wrenches[t]))
+                .norm_squared();
+            after += self
+                .scaled(&(trial.wrench() + pair[1].wrenches[t]))
+                .norm_squared();
         }
         let hoped = self.predicted_gain(tools, step);
         let noise = ENERGY_NOISE * (1.0 + scale);
