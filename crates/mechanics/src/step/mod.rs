@@ -3,6 +3,7 @@
 //! [`Bone`] is everything that is constant between two growths, [`BoneState`] what is computed on it.
 mod bone;
 mod crack_faces;
+pub mod haptic;
 mod propagation;
 mod walls;
 
