@@ -1,1 +1,20 @@
-//! (see the crate's own page)
+//! Rigid shapes against the deformed bone and each other: who touches, and what force follows (paper 3.2, 4.1, 4.2).
+mod bounding_volumes;
+mod friction;
+mod point_shell;
+mod query;
+mod response;
+mod rigid_shape;
+mod shape_pair;
+mod wrench;
+
+pub use bounding_volumes::BoundingVolumes;
+pub use friction::Anchors;
+pub use point_shell::{PointOrigin, PointShell, ShellPoint};
+pub use query::{Candidates, Contact, ContactScene, penetrations};
+pub use response::{
+    ContactLaw, ContactLawError, PointForce, Response, append_point_forces, respond,
+};
+pub use rigid_shape::{RigidShape, SurfaceSample};
+pub use shape_pair::{PairResponse, respond_pair};
+pub use wrench::{Matrix6, Vector6, Wrench};

@@ -1,0 +1,95 @@
+use super::PointShell;
+use crate::geometry::{Aabb, SpatialHash, Vec3};
+use nalgebra::Matrix3x4;
+
+/// A box around each cell that holds points, in a spatial hash (paper 4.2).
+///
+/// The box of a cell is that of its deformed virtual nodes, since a point inside is their convex combination: the points
+/// themselves are not touched. Double-buffer by owning two. [`update`](Self::update) allocates only while it grows past
+/// its largest size so far; queries never do.
+#[derive(Clone, Debug)]
+pub struct BoundingVolumes {
+    boxes: Vec<(u32, Aabb)>,
+    bounds: Aabb,
+    hash: SpatialHash,
+}
+
+impl Default for BoundingVolumes {
+    fn default() -> Self {
+        Self {
+            boxes: Vec::new(),
+            bounds: Aabb::EMPTY,
+            hash: SpatialHash::default(),
+        }
+    }
+}
+
+/// Nodes are used up to this far from the origin \[mm\]; beyond lies only a deformation that has blown up.
+const REACH: f32 = 1e5;
+
+impl BoundingVolumes {
+    /// Volumes of a shell in a first state.
+    pub fn new(shell: &PointShell, deformation: &[Matrix3x4<f32>]) -> Self {
+        let mut volumes = Self::default();
+        volumes.update(shell, deformation);
+        volumes
+    }
+
+    /// Follows the bone to a new state. A cell whose nodes are not finite or farther than 100 m is left out.
+    pub fn update(&mut self, shell: &PointShell, deformation: &[Matrix3x4<f32>]) {
+        self.boxes.clear();
+        self.bounds = Aabb::EMPTY;
+        let mut size = 0.0;
+        for (c, d) in deformation.iter().enumerate().take(shell.n_cells()) {
+            if shell.cell_is_empty(c) || !d.iter().all(|v| v.abs() < REACH) {
+                continue;
+            }
+            let cell_box = box_of(d);
+            size += cell_box.extent().max();
+            self.bounds.add(&cell_box.min);
+            self.bounds.add(&cell_box.max);
+            self.boxes.push((c as u32, cell_box));
+        }
+        let mean = size / self.boxes.len().max(1) as f64;
+        self.hash.rebuild(mean.max(1e-3), &self.boxes);
+    }
+
+    /// How many cells hold points.
+    pub fn len(&self) -> usize {
+        self.boxes.len()
+    }
+
+    /// Whether no cell holds points.
+    pub fn is_empty(&self) -> bool {
+        self.boxes.is_empty()
+    }
+
+    /// Box around all volumes.
+    pub fn bounds(&self) -> &Aabb {
+        &self.bounds
+    }
+
+    /// Calls `visit` with each cell whose volume may meet `query`; one may come more than once.
+    pub fn query(&self, query: &Aabb, visit: impl FnMut(u32)) {
+        // Only the common part: a tool that sticks far out, or has flown off, costs nothing there. NaN overlaps nothing.
+        if query.overlaps(&self.bounds) {
+            let common = Aabb {
+                min: query.min.sup(&self.bounds.min),
+                max: query.max.inf(&self.bounds.max),
+            };
+            self.hash.query(&common, visit);
+        }
+    }
+}
+
+fn box_of(d: &Matrix3x4<f32>) -> Aabb {
+    let mut b = Aabb::EMPTY;
+    for column in d.column_iter() {
+        b.add(&Vec3::new(
+            f64::from(column[0]),
+            f64::from(column[1]),
+            f64::from(column[2]),
+        ));
+    }
+    b
+}
