@@ -37,6 +37,11 @@ impl RecordedHand {
         })
     }
 
+    /// Plays from the beginning again.
+    pub fn rewind(&mut self) {
+        self.next = 0;
+    }
+
     /// Steps that are left to play.
     pub fn n_left(&self) -> usize {
         self.poses.len() - self.next

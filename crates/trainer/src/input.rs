@@ -53,6 +53,13 @@ impl Input {
         Ok(Self::Recorded(Box::new([hand(0)?, hand(1)?])))
     }
 
+    /// Goes back to the first recorded pose, after a look at it. The surgeon's hands do not move by being read.
+    pub fn rewind(&mut self) {
+        if let Self::Recorded(hands) = self {
+            hands.iter_mut().for_each(RecordedHand::rewind);
+        }
+    }
+
     /// Lets the hands' owner look at the crack and decide.
     pub fn plan(&mut self, crack: &CrackView) {
         if let Self::BuiltIn(b) = self {

@@ -1,7 +1,15 @@
 //! The program `osteotome`.
+mod cli;
+mod commands;
+mod engine;
 mod input;
 mod loops;
 mod scenario;
 mod session;
 mod surgeon;
-fn main() {}
+mod talk;
+mod verify;
+
+fn main() -> std::process::ExitCode {
+    cli::main()
+}

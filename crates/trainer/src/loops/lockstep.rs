@@ -78,7 +78,8 @@ pub fn lockstep<H: HapticPart, M: MainPart, P: PropagationPart>(
         }
         progress(time, crack.severed);
     }
-    for event in haptic.events() {
+    let faults = main.fault().into_iter().chain(propagation.fault());
+    for event in haptic.events().into_iter().chain(faults) {
         sink.event(time, &event)?;
     }
     let haptic = haptic.part;

@@ -40,6 +40,10 @@ pub trait HapticPart: Send {
 pub trait MainPart: Send {
     /// One step.
     fn step(&mut self) -> MainSample;
+    /// Why it has stopped, if it has.
+    fn fault(&self) -> Option<String> {
+        None
+    }
 }
 
 /// What a call of the propagation step did.
@@ -58,6 +62,8 @@ pub trait PropagationPart: Send {
     fn crack(&self) -> GrowthSample;
     /// One step.
     fn step(&mut self) -> Propagated;
+    /// Why it has stopped, if it has.
+    fn fault(&self) -> Option<String>;
 }
 
 /// The simulation, one part a loop.
@@ -239,6 +245,10 @@ mod tests {
             }
             self.generation += 1;
             Propagated::Grown(Box::new(self.crack()))
+        }
+
+        fn fault(&self) -> Option<String> {
+            None
         }
     }
 

@@ -195,7 +195,7 @@ fn main_loop<M: MainPart>(
     let account = Account {
         pace: pacer.pace,
         dropped: ring.n_dropped(),
-        events: vec![],
+        events: part.fault().into_iter().collect(),
     };
     (part, account)
 }
@@ -237,7 +237,7 @@ fn propagation_loop<P: PropagationPart>(
     let account = Account {
         pace,
         dropped: ring.n_dropped(),
-        events: vec![],
+        events: part.fault().into_iter().collect(),
     };
     (part, account)
 }

@@ -154,7 +154,7 @@ impl Default for Materials {
                 poisson_ratio: 0.3,
                 toughness: [0.2, 0.2],
             },
-            cortical_thickness: 2.0,
+            cortical_thickness: 2.2,
         }
     }
 }
@@ -267,8 +267,8 @@ pub struct Contact {
 impl Default for Contact {
     fn default() -> Self {
         Self {
-            stiffness: 20.0,
-            friction: 0.2,
+            stiffness: 500.0,
+            friction: 0.3,
         }
     }
 }
@@ -368,6 +368,10 @@ pub struct Limits {
     pub force: f64,
     /// \[N mm\]
     pub torque: f64,
+    /// Fastest change of the force \[N/s\].
+    pub force_rate: f64,
+    /// Fastest change of the torque \[N mm/s\].
+    pub torque_rate: f64,
 }
 
 impl Default for Limits {
@@ -375,6 +379,8 @@ impl Default for Limits {
         Self {
             force: 8.5,
             torque: 188.0,
+            force_rate: 500.0,
+            torque_rate: 10_000.0,
         }
     }
 }

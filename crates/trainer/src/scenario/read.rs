@@ -231,12 +231,12 @@ impl<P: Fn(&str) -> String> Checks<'_, P> {
         ];
         self.one_of("patient", &given)?;
         if let Some(sizes) = &p.parametric {
-            self.range("patient.parametric.scale", sizes.scale, 0.5, 2.0)?;
+            self.range("patient.parametric.scale", sizes.scale, 0.7, 1.3)?;
             self.range(
                 "patient.parametric.gonial_angle",
                 sizes.gonial_angle,
-                100.0,
-                150.0,
+                110.0,
+                140.0,
             )?;
         }
         if p.directory.is_some() {
@@ -296,24 +296,25 @@ impl<P: Fn(&str) -> String> Checks<'_, P> {
         );
         for (i, t) in s.tool.iter().enumerate() {
             for (key, value) in [
-                ("chisel.width", t.chisel.width),
-                ("chisel.thickness", t.chisel.thickness),
-                ("chisel.length", t.chisel.length),
                 ("force_scale", t.force_scale),
                 ("torque_scale", t.torque_scale),
                 ("limits.force", t.limits.force),
                 ("limits.torque", t.limits.torque),
+                ("limits.force_rate", t.limits.force_rate),
+                ("limits.torque_rate", t.limits.torque_rate),
                 ("coupling.linear_stiffness", t.coupling.linear_stiffness),
                 ("coupling.angular_stiffness", t.coupling.angular_stiffness),
             ] {
                 self.positive(&format!("tool.{i}.{key}"), value)?;
             }
-            self.range(
-                &format!("tool.{i}.chisel.bevel_deg"),
-                t.chisel.bevel_deg,
-                5.0,
-                90.0,
-            )?;
+            for (key, value, [least, most]) in [
+                ("width", t.chisel.width, [2.0, 30.0]),
+                ("thickness", t.chisel.thickness, [1.0, 8.0]),
+                ("bevel_deg", t.chisel.bevel_deg, [8.0, 90.0]),
+                ("length", t.chisel.length, [20.0, 150.0]),
+            ] {
+                self.range(&format!("tool.{i}.chisel.{key}"), value, least, most)?;
+            }
             osteotome_devices::SimulatedHand::new(
                 t.hand_parameters(),
                 osteotome_devices::Pose::identity(),

@@ -37,6 +37,14 @@ impl SessionFolder {
         })
     }
 
+    /// Whether [`create`](Self::create) may be expected to succeed; writes nothing.
+    ///
+    /// # Errors
+    /// If `wanted` is there and neither empty nor an earlier session.
+    pub fn check(wanted: &Path) -> Result<()> {
+        check_replaceable(wanted)
+    }
+
     /// Where to write for now.
     pub fn path(&self) -> &Path {
         &self.partial

@@ -2,6 +2,7 @@
 use super::sample::{GrowthSample, HandSample, HapticSample, MainSample, StepTime, Wire};
 use anyhow::{Context, Result, bail};
 use mcap::records::MessageHeader;
+use osteotome_mechanics::geometry::Pose;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -224,6 +225,28 @@ impl Recording {
             main,
             growth,
         })
+    }
+}
+
+impl Recording {
+    /// Both hands, step by step of `dt` \[s\].
+    pub fn haptic(&self, dt: f64) -> impl Iterator<Item = HapticSample> {
+        let [left, right] = &self.hands;
+        left.iter().zip(right).zip(0u64..).map(move |((l, r), step)| HapticSample {
+            step,
+            time: step as f64 * dt,
+            hands: [*l, *r],
+        })
+    }
+
+    /// Where the devices were at the beginning.
+    pub fn start(&self) -> [Pose; 2] {
+        [0, 1].map(|i| self.hands[i][0].device_pose)
+    }
+
+    /// How long it lasts \[s\].
+    pub fn seconds(&self, scenario: &crate::scenario::Scenario) -> f64 {
+        self.hands[0].len() as f64 * scenario.loops.dt()
     }
 }
 
