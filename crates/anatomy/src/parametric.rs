@@ -155,8 +155,10 @@ impl ParametricMandible {
                 let at = [0, 1].map(|k| bezier(&control.map(|c| c[k]), t));
                 let back = (at[1] - g.y + length) / length;
                 // Straight along the mandibular plane, levelled towards the chin.
-                let bottom =
-                    chin + self.slope * length * (back - 0.10 * (1.0 - back).powi(4)) + 1.0;
+                let bottom = chin
+                    + self.slope * length * (back - 0.10 * (1.0 - back).powi(4))
+                    + 1.0
+                    + 3.0 * smoothstep(0.55, 0.85, back);
                 let crest = chin + p.body_height + 0.35 * length * back;
                 let taper = 1.0 - 0.35 * smoothstep(0.55, 0.95, back);
                 ArchPoint {
@@ -187,8 +189,8 @@ impl ParametricMandible {
 
     /// Where the middle of the ramus is across; it leans out towards the condyle and turns in towards the tooth row.
     fn ramus_x(&self, w: f64, v: f64) -> f64 {
-        let turn = (w - 20.0).max(0.0).powi(2) * (1.0 - smoothstep(-2.0, 26.0, v));
-        self.gonion.x + 5.5 * (v / 48.0).clamp(-0.5, 1.2) - 0.016 * turn
+        let turn = (w - 20.0).max(0.0).powi(2) * (1.0 - smoothstep(0.0, 26.0, v));
+        self.gonion.x + 5.5 * (v / 48.0).clamp(-0.5, 1.2) - 0.021 * turn
     }
 
     fn body(&self, x: f64, p: &Vec3) -> f64 {
@@ -223,8 +225,10 @@ impl ParametricMandible {
     fn ramus(&self, x: f64, p: &Vec3) -> f64 {
         let [w, v] = self.to_ramus(p.y, p.z);
         let plan = polygon_distance(&self.outline, [w, v]);
-        // Thinner towards coronoid and notch.
-        let half = 0.5 * self.parameters.ramus_thickness * (1.0 - 0.22 * smoothstep(18.0, 40.0, v));
+        // Thinner towards coronoid and notch, and where it fades out on the body's cheek side.
+        let thin =
+            (1.0 - 0.22 * smoothstep(18.0, 40.0, v)) * (1.0 - 0.5 * smoothstep(30.0, 44.0, w));
+        let half = 0.5 * self.parameters.ramus_thickness * thin;
         rounded(plan, (x - self.ramus_x(w, v)).abs() - half, 0.85 * half)
     }
 
@@ -313,7 +317,7 @@ impl ParametricMandible {
             .iter()
             .min_by(|a, b| (a.at[1] - y).abs().total_cmp(&(b.at[1] - y).abs()));
         let at = nearest.copied().unwrap_or(self.arch[0]);
-        Vec3::new(at.at[0] + 0.35 * at.half_breadth, at.at[1], at.top)
+        Vec3::new(at.at[0] + 0.5 * at.half_breadth, at.at[1], at.top)
     }
 
     /// Front of the ramus from above the lingula down to the second molar, before it is brought onto the surface.
@@ -419,11 +423,11 @@ fn ramus_outline(p: &Parameters) -> Vec<[f64; 2]> {
         [39.0, 1.5 + tilt(39.0)],
         [43.0, -4.0 + tilt(43.0)],
         [43.0, -12.0 + tilt(43.0)],
-        lower(36.0, 6.0),
-        lower(26.0, 2.0),
-        lower(14.0, 1.5),
-        lower(5.5, 2.0),
-        [1.4, 2.5],
+        lower(36.0, 5.0),
+        lower(26.0, 1.5),
+        lower(15.0, 0.5),
+        lower(7.5, 1.6),
+        [2.4, 1.8],
     ]
     .map(|[w, v]| [w * p.ramus_width / 31.3, v])
     .to_vec();
