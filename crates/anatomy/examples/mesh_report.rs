@@ -46,11 +46,10 @@ fn main() -> Result<(), osteotome_anatomy::AnatomyError> {
         let bytes = stl::to_binary_stl(&surface.mesh);
         std::fs::write(&out, bytes).expect("OUT can be written");
     }
-    let volume = surface.mesh.volume();
     let distance = MeshDistance::new(surface.mesh);
     for target in targets {
         let start = Instant::now();
-        let meshed = mesher::mesh_to_nodes(&distance, volume, target, &mut |_| {})?;
+        let meshed = mesher::mesh_to_nodes(&mesher::Body::of(&distance), target, &mut |_| {})?;
         let seconds = start.elapsed().as_secs_f64();
         let [low, high] = mesher::dihedral_range(&meshed.mesh);
         println!(

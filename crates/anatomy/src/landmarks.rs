@@ -202,3 +202,58 @@ fn centre_line(
     path.extend(side(1, 1.0).into_iter().rev());
     path
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesher::contour;
+    use crate::parametric::{Parameters, ParametricMandible};
+
+    #[test]
+    fn condyles_are_found_without_landmarks() {
+        for scale in [0.75, 1.0, 1.25] {
+            for gonial_angle in [112.0, 124.8, 138.0] {
+                let parameters = Parameters {
+                    scale,
+                    gonial_angle,
+                    ..Parameters::default()
+                };
+                let mandible = ParametricMandible::new(parameters).unwrap();
+                let mut surface = contour(&mandible, 2.5 * scale).unwrap();
+                // Far from the origin, as scans are.
+                let shift = Vec3::new(20.0, -140.0, 1480.0);
+                surface.vertices.iter_mut().for_each(|p| *p += shift);
+                let frame = JawFrame::find(&surface, "jaw").unwrap();
+                let half = 0.5 * parameters.condyle_distance * scale;
+                for (found, sign) in frame.condyles.iter().zip([-1.0, 1.0]) {
+                    let want = Vec3::new(sign * half, 0.0, 0.0) + shift;
+                    assert!((found - want).norm() < 2.0, "{found} instead of {want}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn osteons_run_along_the_body_and_up_the_ramus() {
+        let mandible = ParametricMandible::new(Parameters::default()).unwrap();
+        let surface = contour(&mandible, 2.5).unwrap();
+        let frame = JawFrame::find(&surface, "jaw").unwrap();
+        let distance = MeshDistance::new(surface);
+        let marks = mandible.landmarks(&distance).unwrap();
+        // At the chin across, in the ramus steeply up, at the molars along the arch.
+        assert!(frame.along(&marks.menton).x.abs() > 0.9);
+        assert!(frame.along(&marks.right.lingula).z.abs() > 0.7);
+        let molar = frame.along(&marks.right.second_molar_buccal);
+        assert!(molar.z.abs() < 0.7 && molar.xy().norm() > 0.7, "{molar}");
+    }
+
+    #[test]
+    fn other_things_are_refused() {
+        let ball = crate::surface::tests::tetrahedron();
+        let text = JawFrame::find(&ball, "lump.stl").unwrap_err().to_string();
+        assert!(
+            text.starts_with("lump.stl does not look like a mandible"),
+            "{text}"
+        );
+    }
+}

@@ -18,7 +18,7 @@ pub mod surface;
 
 pub use error::AnatomyError;
 pub use landmarks::{JawFrame, Landmarks, SideLandmarks};
-pub use materials::{MaterialSpec, TetMaterial, Tissue};
+pub use materials::{MaterialSpec, Tissue};
 pub use osteotomy::{LinePoint, Osteotomy, OsteotomyPart, PartKind, Side};
 pub use parametric::{Parameters, ParametricMandible};
 pub use patient::{MeshSource, OsteotomySource, Patient, PatientSpec, SurfaceSource};

@@ -1,6 +1,7 @@
 //! Cortical and trabecular bone, mixed in each tetrahedron by how much of it lies how deep.
 use crate::error::{AnatomyError, in_range};
 use crate::landmarks::JawFrame;
+use osteotome_mechanics::bone::TetMaterial;
 use osteotome_mechanics::geometry::{MeshDistance, TetMesh, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -45,21 +46,6 @@ impl Default for MaterialSpec {
             cortical_thickness: 2.2,
         }
     }
-}
-
-/// What a tetrahedron is made of.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TetMaterial {
-    /// \[MPa\].
-    pub young_modulus: f64,
-    /// Poisson's ratio.
-    pub poisson_ratio: f64,
-    /// Critical energy release rate of a crack that runs along the osteons \[N/mm\].
-    pub toughness_along: f64,
-    /// The same for a crack that cuts through the osteons.
-    pub toughness_across: f64,
-    /// Direction of the osteons, a unit vector.
-    pub osteon: Vec3,
 }
 
 impl MaterialSpec {

@@ -443,9 +443,11 @@ fn buccal_part(
                 .total_cmp(&(outline[*b] - start).norm())
         })
         .unwrap_or(0);
-    let lowest = (0..outline.len())
-        .max_by(|a, b| outline[*a].dot(&down).total_cmp(&outline[*b].dot(&down)))
-        .unwrap_or(outline.len() - 1);
+    // Where the wall has arrived at the lower border; a broad one may go on lower by a trifle.
+    let depths: Vec<f64> = outline.iter().map(|p| p.dot(&down)).collect();
+    let deepest = depths.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let arrived = depths.iter().position(|d| *d > deepest - 0.6);
+    let lowest = arrived.unwrap_or(outline.len() - 1);
     let mut end = lowest;
     let mut past = 0.0;
     while end + 1 < outline.len() && past < 2.0 * STEP {
@@ -515,4 +517,156 @@ fn resample(line: &[Vec3], step: f64) -> Vec<Vec3> {
     }
     out.push(line[line.len() - 1]);
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesher::contour;
+    use crate::parametric::{Parameters, ParametricMandible};
+
+    fn mandible(parameters: Parameters) -> (MeshDistance, Landmarks) {
+        let mandible = ParametricMandible::new(parameters).unwrap();
+        let surface = MeshDistance::new(contour(&mandible, 2.0).unwrap());
+        let landmarks = mandible.landmarks(&surface).unwrap();
+        (surface, landmarks)
+    }
+
+    #[test]
+    fn dal_pont_line_runs_on_the_bone_of_any_jaw() {
+        let defaults = Parameters::default();
+        let jaws = [
+            defaults,
+            Parameters {
+                scale: 0.8,
+                ..defaults
+            },
+            Parameters {
+                gonial_angle: 112.0,
+                ..defaults
+            },
+            Parameters {
+                gonial_angle: 138.0,
+                ramus_thickness: 6.5,
+                ..defaults
+            },
+        ];
+        for parameters in jaws {
+            let (surface, landmarks) = mandible(parameters);
+            for side in [Side::Right, Side::Left] {
+                let line = Osteotomy::dal_pont(&landmarks, side, 0.8, &surface).unwrap();
+                let names: Vec<_> = line.parts.iter().map(|p| p.kind.name()).collect();
+                assert_eq!(names, ["medial", "ridge", "buccal"]);
+                let gap = |a: usize, b: usize| {
+                    let (from, to) = (&line.parts[a].points, &line.parts[b].points);
+                    (from[from.len() - 1].at - to[0].at).norm()
+                };
+                // In the real line the gaps are 3.2 and 2.1 mm.
+                assert!(gap(0, 1) < 5.0 && gap(1, 2) < 2.5, "{parameters:?}");
+                for part in &line.parts {
+                    assert!(
+                        part.points.len() >= 8,
+                        "{} {parameters:?}",
+                        part.kind.name()
+                    );
+                    for pair in part.points.windows(2) {
+                        let step = (pair[1].at - pair[0].at).norm();
+                        assert!((0.5..3.2).contains(&step), "{step} in {}", part.kind.name());
+                        assert!(pair[0].toward.dot(&pair[1].toward) > 0.5);
+                    }
+                    for p in &part.points {
+                        assert!(surface.unsigned(&p.at) < 1e-3);
+                        assert!(surface.signed(&(p.at + p.toward * 0.5)) < 0.0);
+                    }
+                }
+                // The buccal cut goes round the lower border: it ends pointing up.
+                let buccal = &line.parts[2].points;
+                assert!(buccal[buccal.len() - 1].toward.z > 0.7);
+            }
+        }
+    }
+
+    #[test]
+    fn both_sides_are_mirror_images() {
+        let (surface, landmarks) = mandible(Parameters::default());
+        let [right, left] = [Side::Right, Side::Left]
+            .map(|side| Osteotomy::dal_pont(&landmarks, side, 0.8, &surface).unwrap());
+        for (a, b) in right.parts.iter().zip(&left.parts) {
+            assert_eq!(a.points.len(), b.points.len());
+            for (p, q) in a.points.iter().zip(&b.points) {
+                // The lattice of the surface is not symmetric, so neither is its last half millimetre.
+                assert!((p.at - Vec3::new(-q.at.x, q.at.y, q.at.z)).norm() < 0.5);
+            }
+        }
+    }
+
+    #[test]
+    fn a_line_survives_its_file() {
+        let (surface, landmarks) = mandible(Parameters::default());
+        let line = Osteotomy::dal_pont(&landmarks, Side::Left, 0.6, &surface).unwrap();
+        let json = serde_json::to_vec(&line.to_file()).unwrap();
+        let file = parse_osteotomy(&json, "line.json").unwrap();
+        let kerf = file.kerf.unwrap();
+        let again = Osteotomy::from_points(file.side, kerf, &file.points, &surface).unwrap();
+        assert_eq!(again.kerf, 0.6);
+        for (p, q) in line.parts.iter().zip(&again.parts) {
+            assert_eq!(p.kind, q.kind);
+            for (a, b) in p.points.iter().zip(&q.points) {
+                assert!((a.at - b.at).norm() + (a.toward - b.toward).norm() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn each_fault_names_the_point() {
+        let (surface, landmarks) = mandible(Parameters::default());
+        let line = Osteotomy::dal_pont(&landmarks, Side::Right, 0.8, &surface).unwrap();
+        let good = line.to_file().points;
+        let n_medial = line.parts[0].points.len();
+        let refusal = |change: &dyn Fn(&mut Vec<PointSpec>)| {
+            let mut points = good.clone();
+            change(&mut points);
+            Osteotomy::from_points(Side::Right, 0.8, &points, &surface)
+                .unwrap_err()
+                .to_string()
+        };
+        let text = refusal(&|p| p[n_medial + 2].at[1] -= 12.0);
+        let name = format!("osteotomy point {} (ridge) is ", n_medial + 2);
+        assert!(
+            text.starts_with(&name) && text.contains("mm outside the bone"),
+            "{text}"
+        );
+        assert!(
+            refusal(&|p| p[3].toward[0] = 1.0).contains("point 3 (medial) points out of the bone")
+        );
+        assert!(refusal(&|p| p[0].toward[0] = -2.0).contains("must be a unit vector"));
+        assert!(refusal(&|p| p[1].depth = 0.0).contains("has depth 0"));
+        assert!(refusal(&|p| p[1].at[2] = f64::NAN).contains("not a finite number"));
+        assert!(refusal(&|p| p.truncate(1)).contains("needs 2 to"));
+        assert!(refusal(&|p| p[5].part = "ridge".to_owned()).contains("one point only"));
+        let wrong_kerf = Osteotomy::from_points(Side::Right, -1.0, &good, &surface).unwrap_err();
+        assert!(
+            wrong_kerf
+                .to_string()
+                .starts_with("osteotomy.kerf = -1 is outside")
+        );
+        let wrong_side = Osteotomy::from_points(Side::Left, 0.8, &good, &surface).unwrap_err();
+        assert!(wrong_side.to_string().contains("side is Left"));
+    }
+
+    #[test]
+    fn files_must_say_their_units() {
+        let refusal = |s: &str| {
+            parse_osteotomy(s.as_bytes(), "line.json")
+                .unwrap_err()
+                .to_string()
+        };
+        assert!(refusal(r#"{"side": "right", "points": []}"#).contains("missing field `units`"));
+        let text = refusal(r#"{"units": "cm", "side": "right", "points": []}"#);
+        assert!(
+            text.ends_with("units are \"cm\"; they must be \"mm\""),
+            "{text}"
+        );
+        assert!(refusal("{").starts_with("line.json is not a usable osteotomy file: "));
+    }
 }

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 pub struct Parameters {
     /// Size of the whole, 0.7 to 1.3.
     pub scale: f64,
-    /// Angle between lower border and posterior border of the ramus \[degrees\], 110 to 140.
+    /// Angle between lower border and posterior border of the ramus \[degrees\], 112 to 138.
     pub gonial_angle: f64,
     /// Width of the ramus \[mm at scale 1\], 26 to 38.
     pub ramus_width: f64,
@@ -32,7 +32,7 @@ impl Default for Parameters {
     fn default() -> Self {
         Self {
             scale: 1.0,
-            gonial_angle: 124.8,
+            gonial_angle: MEAN_GONIAL_ANGLE,
             ramus_width: 31.3,
             ramus_thickness: 8.0,
             body_height: 30.0,
@@ -50,7 +50,7 @@ impl Parameters {
     pub fn check(&self) -> Result<(), AnatomyError> {
         let ranges = [
             ("scale", self.scale, 0.7, 1.3),
-            ("gonial_angle", self.gonial_angle, 110.0, 140.0),
+            ("gonial_angle", self.gonial_angle, 112.0, 138.0),
             ("ramus_width", self.ramus_width, 26.0, 38.0),
             ("ramus_thickness", self.ramus_thickness, 6.0, 11.0),
             ("body_height", self.body_height, 24.0, 36.0),
@@ -64,8 +64,10 @@ impl Parameters {
     }
 }
 
-/// How far the posterior border leans back from the vertical \[degrees\].
+/// How far the posterior border leans back from the vertical at the mean gonial angle \[degrees\].
 const RAMUS_LEAN: f64 = 10.8;
+/// The mean gonial angle \[degrees\]; half of a deviation tilts the ramus, half the lower border.
+const MEAN_GONIAL_ANGLE: f64 = 124.8;
 /// Condyle: half axes across, along and up \[mm\].
 const CONDYLE: Vec3 = Vec3::new(9.5, 4.5, 4.8);
 /// Radius of the smooth unions \[mm\].
@@ -105,12 +107,10 @@ impl ParametricMandible {
     /// As [`Parameters::check`].
     pub fn new(parameters: Parameters) -> Result<Self, AnatomyError> {
         parameters.check()?;
-        let lean = RAMUS_LEAN.to_radians();
-        let (sin, cos) = lean.sin_cos();
+        let lean = RAMUS_LEAN + 0.5 * (parameters.gonial_angle - MEAN_GONIAL_ANGLE);
+        let (sin, cos) = lean.to_radians().sin_cos();
         let (forward, up) = ([-cos, sin], [sin, cos]);
-        let slope = (parameters.gonial_angle - 90.0 - RAMUS_LEAN)
-            .to_radians()
-            .tan();
+        let slope = (parameters.gonial_angle - 90.0 - lean).to_radians().tan();
         let outline = ramus_outline(&parameters);
         // The condyle's centre is the origin of y and z; its place in the ramus frame says where the gonion is.
         let [w, v] = condyle_in_ramus(&parameters);
@@ -155,9 +155,14 @@ impl ParametricMandible {
                 let at = [0, 1].map(|k| bezier(&control.map(|c| c[k]), t));
                 let back = (at[1] - g.y + length) / length;
                 // Straight along the mandibular plane, levelled towards the chin.
-                let bottom =
-                    chin + self.slope * length * (back - 0.10 * (1.0 - back).powi(4)) + 1.0;
-                let crest = chin + p.body_height + 0.35 * length * back;
+                let bottom = chin
+                    + self.slope * length * (back - 0.10 * (1.0 - back).powi(4))
+                    + 1.0
+                    + 3.0 * smoothstep(0.55, 0.85, back);
+                // From the chin's height to that of the ramus' foot, which the chin's height moves a little.
+                let chin_crest = chin + p.body_height;
+                let foot = g.z + 11.0 + 0.6 * (p.body_height - 30.0);
+                let crest = chin_crest + (foot - chin_crest) * back / 0.4;
                 let taper = 1.0 - 0.35 * smoothstep(0.55, 0.95, back);
                 ArchPoint {
                     at,
@@ -187,8 +192,8 @@ impl ParametricMandible {
 
     /// Where the middle of the ramus is across; it leans out towards the condyle and turns in towards the tooth row.
     fn ramus_x(&self, w: f64, v: f64) -> f64 {
-        let turn = (w - 20.0).max(0.0).powi(2) * (1.0 - smoothstep(-2.0, 26.0, v));
-        self.gonion.x + 5.5 * (v / 48.0).clamp(-0.5, 1.2) - 0.016 * turn
+        let turn = (w - 20.0).max(0.0).powi(2) * (1.0 - smoothstep(0.0, 26.0, v));
+        self.gonion.x + 5.5 * (v / 51.5).clamp(-0.5, 1.2) - 0.021 * turn
     }
 
     fn body(&self, x: f64, p: &Vec3) -> f64 {
@@ -209,9 +214,9 @@ impl ParametricMandible {
         let (bottom, top) = (mix(|q| q.bottom), mix(|q| q.top));
         let (half_height, middle) = (0.5 * (top - bottom), 0.5 * (top + bottom));
         let half_breadth = mix(|q| q.half_breadth);
-        // A little broader at the lower third, as in life.
+        // Narrower towards the lower border, as in life behind the chin.
         let low = ((middle - p.z) / half_height).clamp(-1.0, 1.0);
-        let half_breadth = half_breadth * (1.0 + 0.08 * low);
+        let half_breadth = half_breadth * (1.0 - 0.12 * low);
         let round = (0.8 * half_breadth).min(0.8 * half_height);
         rounded(
             across - half_breadth,
@@ -223,8 +228,10 @@ impl ParametricMandible {
     fn ramus(&self, x: f64, p: &Vec3) -> f64 {
         let [w, v] = self.to_ramus(p.y, p.z);
         let plan = polygon_distance(&self.outline, [w, v]);
-        // Thinner towards coronoid and notch.
-        let half = 0.5 * self.parameters.ramus_thickness * (1.0 - 0.22 * smoothstep(18.0, 40.0, v));
+        // Thinner towards coronoid and notch, and where it fades out on the body's cheek side.
+        let thin =
+            (1.0 - 0.22 * smoothstep(20.0, 43.0, v)) * (1.0 - 0.5 * smoothstep(30.0, 44.0, w));
+        let half = 0.5 * self.parameters.ramus_thickness * thin;
         rounded(plan, (x - self.ramus_x(w, v)).abs() - half, 0.85 * half)
     }
 
@@ -280,9 +287,9 @@ impl ParametricMandible {
                 .max_by(|a, b| (up * a.1.z).total_cmp(&(up * b.1.z)))
                 .map_or(condyle, |(_, p)| *p)
         };
-        // 53 % of the ramus' width, and 65 % of its height of 44.8 above the lower border.
-        let lower = self.cot() * 0.53 * width;
-        let lingula = self.from_ramus([0.53 * width, lower + 0.65 * 44.8]);
+        // 53 % of the ramus' width from behind, 30 above the lower border; straight up leans forward in the ramus frame.
+        let (cot, w) = (self.cot(), 0.53 * width);
+        let lingula = self.from_ramus([w, cot * w + 30.0 * (self.up[1] - cot * self.forward[1])]);
         let molar = self.second_molar();
         let inside = world(lingula) - Vec3::x() * (sign * 20.0);
         let below = world(molar + Vec3::new(0.0, 5.0, -60.0));
@@ -313,7 +320,7 @@ impl ParametricMandible {
             .iter()
             .min_by(|a, b| (a.at[1] - y).abs().total_cmp(&(b.at[1] - y).abs()));
         let at = nearest.copied().unwrap_or(self.arch[0]);
-        Vec3::new(at.at[0] + 0.35 * at.half_breadth, at.at[1], at.top)
+        Vec3::new(at.at[0] + 0.5 * at.half_breadth, at.at[1], at.top)
     }
 
     /// Front of the ramus from above the lingula down to the second molar, before it is brought onto the surface.
@@ -388,42 +395,42 @@ impl Scaled for Aabb {
 
 /// Centre of the condyle in the ramus frame (w, v).
 fn condyle_in_ramus(p: &Parameters) -> [f64; 2] {
-    [5.0 * p.ramus_width / 31.3, 48.0]
+    [5.0 * p.ramus_width / 31.3, 51.5]
 }
 
 /// Side view of the ramus in its frame: posterior border along w = 0, gonion at the origin.
 fn ramus_outline(p: &Parameters) -> Vec<[f64; 2]> {
     let cot = 1.0 / p.gonial_angle.to_radians().tan();
     // Follows the lower border when the gonial angle differs from the one the numbers below are for.
-    let tilt = |w: f64| 0.7 * w * (cot + 0.695);
+    let tilt = |w: f64| 0.45 * w * (cot + 0.695);
     let lower = |w: f64, above: f64| [w, cot * w + above];
     let control: Vec<[f64; 2]> = [
         [0.5, 8.0],
         [0.3, 18.0],
-        [0.8, 30.0],
-        [0.8, 40.0],
-        [1.8, 46.5],
-        [5.5, 49.0],
-        [8.8, 45.0],
-        [10.5, 38.5],
-        [14.5, 33.8],
-        [18.8, 33.0],
-        [23.0, 36.5],
-        [26.2, 42.0],
-        [28.8, 42.8],
-        [31.0, 38.5],
-        [31.3, 30.0],
-        [30.6, 21.0],
+        [0.8, 32.0],
+        [0.8, 43.0],
+        [1.8, 50.0],
+        [5.5, 52.5],
+        [8.8, 48.5],
+        [10.6, 42.0],
+        [14.5, 37.3],
+        [18.8, 36.5],
+        [23.0, 40.0],
+        [26.2, 45.5],
+        [28.8, 46.3],
+        [31.0, 42.0],
+        [31.3, 33.0],
+        [30.6, 22.5],
         [31.6, 13.0 + tilt(31.6)],
         [34.5, 6.5 + tilt(34.5)],
         [39.0, 1.5 + tilt(39.0)],
         [43.0, -4.0 + tilt(43.0)],
         [43.0, -12.0 + tilt(43.0)],
-        lower(36.0, 6.0),
-        lower(26.0, 2.0),
-        lower(14.0, 1.5),
-        lower(5.5, 2.0),
-        [1.4, 2.5],
+        lower(36.0, 5.0),
+        lower(26.0, 1.5),
+        lower(15.0, 0.5),
+        lower(7.5, 1.6),
+        [2.4, 1.8],
     ]
     .map(|[w, v]| [w * p.ramus_width / 31.3, v])
     .to_vec();
@@ -483,4 +490,154 @@ fn polygon_distance(polygon: &[[f64; 2]], p: [f64; 2]) -> f64 {
         a = b;
     }
     if inside { -best.sqrt() } else { best.sqrt() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesher::contour;
+
+    fn surface(parameters: Parameters) -> (ParametricMandible, MeshDistance) {
+        let mandible = ParametricMandible::new(parameters).unwrap();
+        let mesh = contour(&mandible, 1.5 * parameters.scale).unwrap();
+        (mandible, MeshDistance::new(mesh))
+    }
+
+    /// Sizes against the ranges of the reference sheet.
+    #[test]
+    fn default_jaw_has_published_sizes() {
+        let (mandible, surface) = surface(Parameters::default());
+        let marks = mandible.landmarks(&surface).unwrap();
+        let bounds = surface.mesh().bounds();
+        assert!(
+            (115.0..125.0).contains(&bounds.extent().x),
+            "bicondylar width"
+        );
+        let distance = |a: Vec3, b: Vec3| (a - b).norm();
+        let bigonial = distance(marks.right.gonion, marks.left.gonion);
+        assert!(
+            (85.0..105.0).contains(&bigonial),
+            "bigonial width {bigonial}"
+        );
+        let body = distance(marks.right.gonion, marks.menton);
+        assert!((72.0..88.0).contains(&body), "body length {body}");
+        let lingula = marks.right.lingula;
+        let posterior = cast(
+            &surface,
+            &(lingula + Vec3::new(-2.0, 60.0, 0.0)),
+            &-Vec3::y(),
+        );
+        let width = posterior.unwrap().y - lingula.y;
+        assert!(
+            (14.0..18.0).contains(&width),
+            "lingula to posterior border {width}"
+        );
+        let below = cast(
+            &surface,
+            &(lingula + Vec3::new(-3.0, 0.0, -70.0)),
+            &Vec3::z(),
+        )
+        .unwrap();
+        let height = lingula.z - below.z;
+        assert!(
+            (27.0..34.0).contains(&height),
+            "lingula to lower border {height}"
+        );
+        let notch = marks.right.sigmoid_notch;
+        let height = notch.z
+            - cast(&surface, &(notch - Vec3::z() * 80.0), &Vec3::z())
+                .unwrap()
+                .z;
+        assert!((41.0..48.0).contains(&height), "ramus height {height}");
+    }
+
+    #[test]
+    fn jaw_is_one_symmetric_piece_at_the_ends_of_all_ranges() {
+        let d = Parameters::default();
+        let ends = [
+            Parameters {
+                gonial_angle: 112.0,
+                ..d
+            },
+            Parameters {
+                gonial_angle: 138.0,
+                ..d
+            },
+            Parameters {
+                ramus_width: 26.0,
+                ..d
+            },
+            Parameters {
+                ramus_width: 38.0,
+                ..d
+            },
+            Parameters {
+                ramus_thickness: 6.0,
+                ..d
+            },
+            Parameters {
+                ramus_thickness: 11.0,
+                ..d
+            },
+            Parameters {
+                body_height: 24.0,
+                body_breadth: 10.0,
+                ..d
+            },
+            Parameters {
+                body_height: 36.0,
+                body_breadth: 16.0,
+                ..d
+            },
+            Parameters {
+                condyle_distance: 80.0,
+                scale: 0.7,
+                ..d
+            },
+            Parameters {
+                condyle_distance: 115.0,
+                scale: 1.3,
+                ..d
+            },
+        ];
+        for parameters in ends {
+            let (mandible, surface) = surface(parameters);
+            let closed = crate::ClosedSurface::new(surface.mesh().clone(), "jaw").unwrap();
+            assert!(closed.notes.is_empty(), "{parameters:?}");
+            let body = crate::mesher::Body::of(&surface);
+            assert_eq!(body.genus, 0, "{parameters:?}");
+            assert!(surface.mesh().bounds().min.x > mandible.bounds().min.x);
+            let marks = mandible.landmarks(&surface).unwrap();
+            let (r, l) = (marks.right.lingula, marks.left.lingula);
+            assert!(
+                (r - Vec3::new(-l.x, l.y, l.z)).norm() < 0.3,
+                "{parameters:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn scale_is_exact() {
+        let large = Parameters {
+            scale: 1.2,
+            ..Parameters::default()
+        };
+        let a = ParametricMandible::new(Parameters::default()).unwrap();
+        let b = ParametricMandible::new(large).unwrap();
+        for p in [Vec3::new(-40.0, -20.0, -30.0), Vec3::new(3.0, -60.0, -70.0)] {
+            assert!((1.2 * a.signed(&p) - b.signed(&(p * 1.2))).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn numbers_outside_their_range_are_named() {
+        let wrong = Parameters {
+            gonial_angle: 200.0,
+            ..Parameters::default()
+        };
+        assert_eq!(
+            ParametricMandible::new(wrong).unwrap_err().to_string(),
+            "patient.parametric.gonial_angle = 200 is outside its range; it must lie between 112 and 138"
+        );
+    }
 }

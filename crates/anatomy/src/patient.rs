@@ -1,14 +1,15 @@
 //! A patient: everything about one jaw that the simulation starts from.
 use crate::error::AnatomyError;
 use crate::landmarks::{JawFrame, Landmarks};
-use crate::materials::{MaterialSpec, TetMaterial};
-use crate::mesher;
+use crate::materials::MaterialSpec;
+use crate::mesher::{self, Body};
 use crate::msh::read_msh;
 use crate::osteotomy::{DEFAULT_KERF, Osteotomy, PointSpec, Side, read_osteotomy};
 use crate::parametric::{Parameters, ParametricMandible};
 use crate::point_shell::{SurfacePoint, point_shell};
 use crate::stl::read_stl;
 use crate::surface::ClosedSurface;
+use osteotome_mechanics::bone::TetMaterial;
 use osteotome_mechanics::geometry::{MeshDistance, TetMesh, TriMesh, Vec3};
 use std::path::PathBuf;
 
@@ -279,11 +280,12 @@ impl PatientSpec {
         distance: &MeshDistance,
         progress: &mut dyn FnMut(&str, f64),
     ) -> Result<TetMesh, AnatomyError> {
-        let volume = bone.surface.mesh.volume();
+        let body = Body::of(distance);
+        let volume = body.volume;
         match &self.mesh {
             MeshSource::Nodes(target) => {
                 let mut inner = |f: f64| progress("mesh", 0.15 + 0.7 * f);
-                Ok(mesher::mesh_to_nodes(distance, volume, *target, &mut inner)?.mesh)
+                Ok(mesher::mesh_to_nodes(&body, *target, &mut inner)?.mesh)
             }
             MeshSource::File(path) => {
                 let mesh = read_msh(path)?.mesh;
