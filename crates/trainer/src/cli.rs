@@ -164,9 +164,15 @@ fn usage(error: &clap::Error) -> ExitCode {
 /// Clap's message without usage and the hint at --help.
 fn one_line(text: &str) -> String {
     let body = text.split("\nUsage:").next().unwrap_or(text);
-    let lines = body.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with("For more"));
+    let lines = body
+        .lines()
+        .map(str::trim)
+        .filter(|l| !l.is_empty() && !l.starts_with("For more"));
     let joined = lines.collect::<Vec<_>>().join(" ");
-    format!("{}; see osteotome --help", joined.trim_start_matches("error: "))
+    format!(
+        "{}; see osteotome --help",
+        joined.trim_start_matches("error: ")
+    )
 }
 
 #[cfg(test)]
@@ -181,8 +187,12 @@ mod tests {
 
     #[test]
     fn usage_errors_are_one_line() {
-        let error = Cli::try_parse_from(["osteotome", "run", "a.toml", "--out", "b", "--mode", "x"]);
+        let error =
+            Cli::try_parse_from(["osteotome", "run", "a.toml", "--out", "b", "--mode", "x"]);
         let line = one_line(&error.err().unwrap().render().to_string());
-        assert!(!line.contains('\n') && line.contains("[possible values: realtime, lockstep]"), "{line}");
+        assert!(
+            !line.contains('\n') && line.contains("[possible values: realtime, lockstep]"),
+            "{line}"
+        );
     }
 }

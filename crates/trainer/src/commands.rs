@@ -29,7 +29,10 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failure> {
     if metrics.is_complete() {
         Ok(())
     } else {
-        Err(Failure::Work(anyhow!("the bone did not come apart; see {}", args.out.display())))
+        Err(Failure::Work(anyhow!(
+            "the bone did not come apart; see {}",
+            args.out.display()
+        )))
     }
 }
 
@@ -145,7 +148,9 @@ fn verify(recording: &Recording, prepared: &Prepared, mut input: Input) -> Resul
 
 /// `devices`: what can be led by whom.
 pub fn devices() -> Result<(), Failure> {
-    talk::say("simulated  always there; a hand of mass, spring and damper on a Phantom Premium 1.5/6DOF's limits");
+    talk::say(
+        "simulated  always there; a hand of mass, spring and damper on a Phantom Premium 1.5/6DOF's limits",
+    );
     talk::say("recorded   always there; run --input SESSION.mcap");
     talk::say("No driver for physical devices is built in yet.");
     Ok(())
@@ -205,12 +210,17 @@ fn session(
             };
             folder.write("crack.ply", &write_crack(&crack))?;
         }
-        folder.write("bone_final.vtu", &write_final_bone(&engine::final_bone(&engine)))?;
+        folder.write(
+            "bone_final.vtu",
+            &write_final_bone(&engine::final_bone(&engine)),
+        )?;
         let metrics = recorder.finish()?;
         folder.write("metrics.json", &json(&metrics)?)?;
         Ok(metrics)
     };
-    let metrics = work().context("the session failed").map_err(Failure::Work)?;
+    let metrics = work()
+        .context("the session failed")
+        .map_err(Failure::Work)?;
     let _: PathBuf = folder.finish().map_err(Failure::Work)?;
     Ok(metrics)
 }

@@ -12,7 +12,13 @@ pub fn say(text: &str) {
 /// One line on standard error.
 pub fn complain(error: &anyhow::Error) {
     let text = format!("{error:#}");
-    eprintln!("osteotome: {}", text.split('\n').map(str::trim).collect::<Vec<_>>().join(" "));
+    eprintln!(
+        "osteotome: {}",
+        text.split('\n')
+            .map(str::trim)
+            .collect::<Vec<_>>()
+            .join(" ")
+    );
 }
 
 /// A progress bar on standard error that appears once the work has taken a second. Silent where there is no terminal.
@@ -31,16 +37,25 @@ impl Progress {
         let bar = ProgressBar::new(length);
         bar.set_draw_target(indicatif::ProgressDrawTarget::hidden());
         let style = ProgressStyle::with_template("{prefix} [{bar:40}] {msg} ({elapsed})");
-        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "));
+        bar.set_style(
+            style
+                .unwrap_or_else(|_| ProgressStyle::default_bar())
+                .progress_chars("=> "),
+        );
         bar.set_prefix(what.to_owned());
-        Self { bar, since: Instant::now(), is_shown: false }
+        Self {
+            bar,
+            since: Instant::now(),
+            is_shown: false,
+        }
     }
 
     /// How far it has come, in words as well.
     pub fn set(&mut self, position: u64, message: impl Into<String>) {
         if !self.is_shown && self.since.elapsed() > PATIENCE {
             self.is_shown = true;
-            self.bar.set_draw_target(indicatif::ProgressDrawTarget::stderr_with_hz(10));
+            self.bar
+                .set_draw_target(indicatif::ProgressDrawTarget::stderr_with_hz(10));
         }
         self.bar.set_position(position);
         if self.is_shown {
@@ -69,13 +84,19 @@ pub fn summary(outcome: &Outcome) -> String {
     for (i, hand) in ["Left", "Right"].into_iter().enumerate() {
         let [force, torque] = outcome.peaks[i];
         let fall = outcome.torque_fall[i].map_or_else(String::new, |share| {
-            format!("; torque fell by {:.0} % within 100 ms of the break", 100.0 * share)
+            format!(
+                "; torque fell by {:.0} % within 100 ms of the break",
+                100.0 * share
+            )
         });
         lines.push(format!(
             "{hand:<6} hand: at most {force:.0} N and {torque:.0} N mm on the bone{fall}."
         ));
     }
-    for (name, figures) in ["Haptic", "Main", "Propagation"].into_iter().zip(&outcome.loops) {
+    for (name, figures) in ["Haptic", "Main", "Propagation"]
+        .into_iter()
+        .zip(&outcome.loops)
+    {
         lines.extend(loop_line(name, figures));
     }
     if let Some(share) = outcome.within_five {
@@ -94,5 +115,7 @@ fn loop_line(name: &str, figures: &LoopFigures) -> Option<String> {
         (Some(hz), Some(missed)) => format!("{hz:.0} Hz, {missed} deadlines missed, "),
         _ => String::new(),
     };
-    Some(format!("{name:<11} loop: {pace}step {mean:.3} ms on average, {p99:.3} ms at the 99th percentile."))
+    Some(format!(
+        "{name:<11} loop: {pace}step {mean:.3} ms on average, {p99:.3} ms at the 99th percentile."
+    ))
 }

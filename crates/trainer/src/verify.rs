@@ -19,7 +19,14 @@ pub struct Comparison<'a> {
 impl<'a> Comparison<'a> {
     /// Nothing compared yet.
     pub fn new(recording: &'a Recording) -> Self {
-        Self { recording, worst: [0.0; 4], steps: 0, main: 0, growth: 0, different: vec![] }
+        Self {
+            recording,
+            worst: [0.0; 4],
+            steps: 0,
+            main: 0,
+            growth: 0,
+            different: vec![],
+        }
     }
 
     fn differs(&mut self, what: String) {
@@ -54,7 +61,10 @@ impl<'a> Comparison<'a> {
             }
         }
         if let Some(first) = self.different.first() {
-            lines.push(format!("First other difference: {first} ({} in all).", self.different.len()));
+            lines.push(format!(
+                "First other difference: {first} ({} in all).",
+                self.different.len()
+            ));
         }
         if self.is_exact() {
             lines.push("Identical to the last bit.".to_owned());
@@ -70,7 +80,10 @@ fn deviation(now: &HandSample, before: &HandSample) -> [f64; 4] {
     let angle = if same_rotation {
         0.0
     } else {
-        now.tool_pose.rotation.angle_to(&before.tool_pose.rotation).max(f64::MIN_POSITIVE)
+        now.tool_pose
+            .rotation
+            .angle_to(&before.tool_pose.rotation)
+            .max(f64::MIN_POSITIVE)
     };
     [
         distance,
@@ -83,7 +96,9 @@ fn deviation(now: &HandSample, before: &HandSample) -> [f64; 4] {
 impl Sink for Comparison<'_> {
     fn haptic(&mut self, sample: &HapticSample) -> Result<()> {
         for (now, before) in sample.hands.iter().zip(&self.recording.hands) {
-            let Some(before) = before.get(self.steps) else { continue };
+            let Some(before) = before.get(self.steps) else {
+                continue;
+            };
             for (worst, d) in self.worst.iter_mut().zip(deviation(now, before)) {
                 *worst = worst.max(if d.is_nan() { f64::INFINITY } else { d });
             }

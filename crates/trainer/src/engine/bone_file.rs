@@ -19,16 +19,19 @@ pub fn final_bone(bone: &Bone, state: &BoneState) -> FinalBone {
         let corner = |k: usize| {
             let displacement: [f64; 3] = u[k].into();
             let next = file.points.len() as u32;
-            *known.entry((nodes[k], displacement.map(f64::to_bits))).or_insert_with(|| {
-                file.points.push(mesh.nodes()[nodes[k] as usize].into());
-                file.displacement.push(displacement);
-                next
-            })
+            *known
+                .entry((nodes[k], displacement.map(f64::to_bits)))
+                .or_insert_with(|| {
+                    file.points.push(mesh.nodes()[nodes[k] as usize].into());
+                    file.displacement.push(displacement);
+                    next
+                })
         };
         let corners = [0, 1, 2, 3].map(corner);
         file.cells.push(corners);
         let own = (0..4).find(|k| cell.mask >> k & 1 == 1).unwrap_or(0);
-        file.fragment.push(bone.fragments.of_node[nodes[own] as usize]);
+        file.fragment
+            .push(bone.fragments.of_node[nodes[own] as usize]);
         file.volume_fraction.push(cell.fraction);
     }
     file

@@ -49,12 +49,18 @@ pub fn connect(prepared: &Prepared, scenario: &Scenario, start: [Pose; 2]) -> Re
     let (bone_tx, bone_rx) = latest(&Arc::clone(bone));
     Ok(Parts {
         haptic: haptic::Haptic::new(scenario, tools.clone(), bone, start, bone_view_rx, hands_tx)?,
-        main: main::Main::new(tools, bone.clone(), state, at_start, main::Ends {
-            hands: hands_rx,
-            grown: bone_rx,
-            to_haptic: bone_view_tx,
-            to_propagation: state_tx,
-        }),
+        main: main::Main::new(
+            tools,
+            bone.clone(),
+            state,
+            at_start,
+            main::Ends {
+                hands: hands_rx,
+                grown: bone_rx,
+                to_haptic: bone_view_tx,
+                to_propagation: state_tx,
+            },
+        ),
         propagation: propagation::Propagation::new(bone.clone(), state_rx, bone_tx),
     })
 }
@@ -65,9 +71,7 @@ pub fn final_bone(engine: &Engine) -> FinalBone {
 }
 
 fn tool_model(scenario: &Scenario) -> Result<ToolModel> {
-    let tool = |i: usize| {
-        one_tool(&scenario.tool[i]).with_context(|| format!("tool.{i}"))
-    };
+    let tool = |i: usize| one_tool(&scenario.tool[i]).with_context(|| format!("tool.{i}"));
     Ok(ToolModel {
         tools: [tool(0)?, tool(1)?],
         law: ContactLaw::new(scenario.contact.stiffness, scenario.contact.friction)?,

@@ -140,7 +140,13 @@ fn body(s: &Scenario, patient: &Patient) -> Body {
     let locator = TetLocator::new(&mesh);
     let young_modulus = s.material.cortical.young_modulus;
     let held = |centres: &[Vec3]| {
-        Supports::near(&mesh, centres, CONDYLE_RADIUS, s.supports.soft_tissue, young_modulus)
+        Supports::near(
+            &mesh,
+            centres,
+            CONDYLE_RADIUS,
+            s.supports.soft_tissue,
+            young_modulus,
+        )
     };
     let supports = held(&patient.condyles);
     let ends = patient.condyles.map(|c| held(&[c]).fixed);
@@ -161,7 +167,12 @@ fn body(s: &Scenario, patient: &Patient) -> Body {
 
 /// Mean edge length near the line; of the whole mesh where none is near \[mm\].
 fn element_size(mesh: &TetMesh, osteotomy: &Osteotomy) -> f64 {
-    let marks: Vec<Vec3> = osteotomy.parts.iter().flat_map(|p| &p.points).map(|p| p.at).collect();
+    let marks: Vec<Vec3> = osteotomy
+        .parts
+        .iter()
+        .flat_map(|p| &p.points)
+        .map(|p| p.at)
+        .collect();
     let is_near = |p: &Vec3| marks.iter().any(|m| (m - p).norm() < NEAR_LINE);
     let near: Vec<bool> = mesh.nodes().iter().map(is_near).collect();
     let lengths: Vec<f64> = mesh

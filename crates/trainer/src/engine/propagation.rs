@@ -115,10 +115,16 @@ impl PropagationPart for Propagation {
 /// Where the bone still holds: front vertices inside it, or the middles of the last edges that bridge the split.
 fn tips(bone: &Bone) -> Vec<Vec3> {
     let body = &bone.body;
-    let fronts = bone.crack.fronts(&body.mesh, &body.locator, body.lengths.stick());
+    let fronts = bone
+        .crack
+        .fronts(&body.mesh, &body.locator, body.lengths.stick());
     let tips: Vec<Vec3> = fronts
         .iter()
-        .flat_map(|f| f.vertices.iter().map(|v| bone.crack.sheets[f.sheet].mesh.vertices[*v as usize]))
+        .flat_map(|f| {
+            f.vertices
+                .iter()
+                .map(|v| bone.crack.sheets[f.sheet].mesh.vertices[*v as usize])
+        })
         .filter(|p| body.locator.find(&body.mesh, p).is_some())
         .collect();
     if !tips.is_empty() || bone.is_severed() {

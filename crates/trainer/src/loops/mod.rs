@@ -13,7 +13,7 @@ use crate::session::{GrowthSample, HandSample, HapticSample, Loop, MainSample, P
 use crate::surgeon::CrackView;
 use anyhow::Result;
 use osteotome_devices::Wrench;
-use osteotome_mechanics::geometry::{Pose, Vec3};
+use osteotome_mechanics::geometry::Pose;
 
 /// What the haptic step answers for one hand.
 #[derive(Clone, Copy, Debug)]
@@ -174,6 +174,7 @@ mod tests {
     use super::*;
     use crate::scenario::{BSSO_RIGHT, Source, load};
     use crate::surgeon::{Mark, SplitLine};
+    use osteotome_mechanics::geometry::Vec3;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU64, Ordering};
 

@@ -232,11 +232,14 @@ impl Recording {
     /// Both hands, step by step of `dt` \[s\].
     pub fn haptic(&self, dt: f64) -> impl Iterator<Item = HapticSample> {
         let [left, right] = &self.hands;
-        left.iter().zip(right).zip(0u64..).map(move |((l, r), step)| HapticSample {
-            step,
-            time: step as f64 * dt,
-            hands: [*l, *r],
-        })
+        left.iter()
+            .zip(right)
+            .zip(0u64..)
+            .map(move |((l, r), step)| HapticSample {
+                step,
+                time: step as f64 * dt,
+                hands: [*l, *r],
+            })
     }
 
     /// Where the devices were at the beginning.

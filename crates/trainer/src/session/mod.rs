@@ -8,9 +8,7 @@ mod sample;
 
 pub use files::{CrackMesh, FinalBone, write_crack, write_final_bone};
 pub use folder::SessionFolder;
-pub use mcap_file::{Recording, RecordingWriter, ScenarioMessage};
-pub use metrics::{Metrics, MetricsDocument, Outcome, Pace};
+pub use mcap_file::{Recording, ScenarioMessage};
+pub use metrics::{LoopFigures, Metrics, Outcome, Pace};
 pub use recorder::Recorder;
-pub use sample::{
-    FrontPoint, GrowthSample, HandSample, HapticSample, Loop, MainSample, StepTime, Wire,
-};
+pub use sample::{FrontPoint, GrowthSample, HandSample, HapticSample, Loop, MainSample, StepTime};

@@ -6,7 +6,7 @@
 //! relaxes and withdraws. Nothing here allocates: it runs in the haptic loop.
 mod line;
 
-pub use line::{Mark, NoLine, SplitLine};
+pub use line::{Mark, SplitLine};
 
 use crate::scenario;
 use osteotome_devices::Wrench;
