@@ -9,3 +9,4 @@ mod walls;
 pub use bone::{Body, Bone, BoneError, BoneState};
 pub use crack_faces::{CrackFaces, FaceContact};
 pub use propagation::{FrontPoint, GrowthReport, PropagationSettings, propagation_step};
+pub mod haptic;
