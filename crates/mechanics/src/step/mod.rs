@@ -3,10 +3,10 @@
 //! [`Bone`] is everything that is constant between two growths, [`BoneState`] what is computed on it.
 mod bone;
 mod crack_faces;
-pub mod haptic;
 mod propagation;
 mod walls;
 
 pub use bone::{Body, Bone, BoneError, BoneState};
 pub use crack_faces::{CrackFaces, FaceContact};
 pub use propagation::{FrontPoint, GrowthReport, PropagationSettings, propagation_step};
+pub mod haptic;

@@ -49,6 +49,10 @@ pub struct GrowthReport {
     pub ligament: Option<(usize, f64)>,
 }
 
+/// Share of the least toughness from which a station's K are looked at: no kink raises G by more than half (pure sliding,
+/// 1.52 times), so no other station can grow, not even after smoothing with its neighbours.
+const K_FROM: f64 = 0.3;
+
 /// Checks MSERRC on a state of the bone and grows the crack by one increment where it is met (paper, section 3.1 step 3).
 ///
 /// Returns the next generation, or none if the crack rests. `state` must belong to `bone`.
@@ -83,6 +87,7 @@ pub fn propagation_step(
             &bone.crack.sheets[front.sheet],
             &front,
             body.lengths.h,
+            K_FROM,
         );
         let (drives, moves) = advances(&stations, front.closed, &body.lengths);
         report.fronts.push(

@@ -475,7 +475,7 @@ pub struct Surgeon {
 impl Default for Surgeon {
     fn default() -> Self {
         Self {
-            stations: [0.3, 0.7],
+            stations: [0.2, 0.8],
             approach_distance: 10.0,
             approach_speed: 20.0,
             drive_speed: 4.0,

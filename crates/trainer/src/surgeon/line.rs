@@ -24,6 +24,7 @@ pub struct SplitLine {
     marks: Vec<Mark>,
     arc: Vec<f64>,
     ridge: [f64; 2],
+    ridge_direction: Vec3,
 }
 
 impl SplitLine {
@@ -47,7 +48,15 @@ impl SplitLine {
             (Some(a), Some(b)) if b > a => [arc[a], arc[b]],
             _ => [0.0, length],
         };
-        Ok(Self { marks, arc, ridge })
+        let on_ridge = |s: &f64| (ridge[0]..=ridge[1]).contains(s);
+        let on_it = marks.iter().zip(&arc).filter(|(_, s)| on_ridge(s));
+        let ridge_direction = on_it.map(|(m, _)| m.toward).sum::<Vec3>().try_normalize(1e-9).unwrap_or(marks[0].toward);
+        Ok(Self {
+            marks,
+            arc,
+            ridge,
+            ridge_direction,
+        })
     }
 
     /// Arc length at a share of the ridge.
@@ -97,16 +106,16 @@ impl SplitLine {
         }
     }
 
-    /// The frame of a blade of this width at `s`: origin on the surface, +z into the bone (the mean over the blade's
-    /// width), x along the line, y across it.
+    /// The frame of a blade of this width at `s`: origin on the surface, +z into the bone, x along the line, y across it.
+    ///
+    /// On the ridge +z is the ridge's mean direction, so that two blades there are parallel and their shafts do not meet;
+    /// beyond its ends it turns to the line's own over 5 mm.
     pub fn frame(&self, s: f64, width: f64) -> Pose {
-        const SAMPLES: i32 = 4; // each side of the middle: a blade spans a handful of marks
+        const TURN: f64 = 5.0;
         let half = 0.5 * width;
-        let offset = |i: i32| half * f64::from(i) / f64::from(SAMPLES);
-        let mean = (-SAMPLES..=SAMPLES)
-            .map(|i| self.mark((s + offset(i)).clamp(0.0, self.length())).toward)
-            .sum::<Vec3>();
         let here = self.mark(s);
+        let beyond = (self.ridge[0] - s).max(s - self.ridge[1]).max(0.0);
+        let mean = self.ridge_direction.lerp(&here.toward, (beyond / TURN).min(1.0));
         let z = mean.try_normalize(1e-9).unwrap_or(here.toward);
         let ahead = self.mark((s + half).min(self.length())).at;
         let behind = self.mark((s - half).max(0.0)).at;

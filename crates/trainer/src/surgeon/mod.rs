@@ -76,8 +76,8 @@ struct Hand {
     torque_peak: f64,
 }
 
-/// Clearance above the bone when moving along the line \[mm\].
-const CLEARANCE: f64 = 3.0;
+/// Clearance above the bone when moving along the line, and between two blades \[mm\].
+const CLEARANCE: f64 = 2.0;
 /// One more bite of the wedge \[mm\].
 const BITE: f64 = 1.0;
 /// Front vertices this far along the line belong to a blade's neighbourhood \[mm\], beside half its width.
@@ -119,9 +119,11 @@ impl BuiltInSurgeon {
         ] {
             *amount *= 1.0 + scenario.surgeon.variation * dice.roll();
         }
+        let width = [0, 1].map(|i| scenario.tool[i].chisel.width);
+        let start = apart(&line, habits.stations, 0.5 * (width[0] + width[1]) + CLEARANCE);
         let hand = |i: usize| Hand {
             task: Task::Approach,
-            s: line.on_ridge(habits.stations[i]),
+            s: start[i],
             depth: -habits.approach_distance,
             twist: 0.0,
             sense: [1.0, -1.0][i],
@@ -131,7 +133,7 @@ impl BuiltInSurgeon {
         };
         Self {
             hands: [hand(0), hand(1)],
-            width: [0, 1].map(|i| scenario.tool[i].chisel.width),
+            width,
             limits: [0, 1].map(|i| scenario.tool[i].limits.clone()),
             dt: scenario.loops.dt(),
             time: 0.0,
@@ -342,7 +344,7 @@ impl BuiltInSurgeon {
         let goal = self.line.nearest(&middle);
         let gap = |i: usize| (self.hands[i].s - goal).abs();
         let nearer = usize::from(gap(1) < gap(0));
-        let apart = 0.5 * (self.width[0] + self.width[1]) + 1.0;
+        let apart = 0.5 * (self.width[0] + self.width[1]) + CLEARANCE;
         let (mover, to) = if gap(nearer) > 2.0 {
             (nearer, goal)
         } else {
@@ -365,6 +367,13 @@ impl BuiltInSurgeon {
             }
         }
     }
+}
+
+/// The stations on the ridge, moved apart evenly until blades this far from middle to middle do not touch.
+fn apart(line: &SplitLine, shares: [f64; 2], spacing: f64) -> [f64; 2] {
+    let [a, b] = shares.map(|share| line.on_ridge(share));
+    let short = 0.5 * (spacing - (b - a).abs()).max(0.0) * if b < a { -1.0 } else { 1.0 };
+    [a - short, b + short].map(|s| s.clamp(0.0, line.length()))
 }
 
 /// Moves `value` to `goal` by at most `step`; says whether it is there.
