@@ -174,17 +174,7 @@ fn ligament(
     )?;
     let work = |b: &Bone| {
         let mut x = vec![0.0; b.system.n()];
-        for load in &state.loads {
-            // Loads sit on cells of the old bone; the same place and side in the torn one.
-            let old = &bone.topology.cells()[load.cell as usize];
-            let same = b
-                .topology
-                .cells_of(old.tet)
-                .max_by_key(|&c| (b.topology.cells()[c].mask & old.mask).count_ones());
-            let cell = &b.topology.cells()[same.unwrap_or(b.topology.cells_of(old.tet).start)];
-            b.system
-                .add_force(&body.mesh, cell, &load.weights, &load.force, &mut x);
-        }
+        b.add_loads(&b.carry_loads(bone, &state.loads), &mut x);
         let f = x.clone();
         b.system.solve(&mut x, &mut b.system.scratch(1));
         f.iter().zip(&x).map(|(f, x)| f * x).sum::<f64>()
