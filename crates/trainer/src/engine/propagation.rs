@@ -7,14 +7,12 @@ use osteotome_mechanics::step::{
 };
 use std::sync::Arc;
 
-/// A state with the bone it belongs to.
+/// A state of the bone, numbered.
 #[derive(Clone)]
 pub struct Loaded {
     /// Counts the main steps.
     pub serial: u64,
-    /// The bone.
-    pub bone: Arc<Bone>,
-    /// Its state.
+    /// The state.
     pub state: BoneState,
 }
 

@@ -120,7 +120,11 @@ impl BuiltInSurgeon {
             *amount *= 1.0 + scenario.surgeon.variation * dice.roll();
         }
         let width = [0, 1].map(|i| scenario.tool[i].chisel.width);
-        let start = apart(&line, habits.stations, 0.5 * (width[0] + width[1]) + CLEARANCE);
+        let start = apart(
+            &line,
+            habits.stations,
+            0.5 * (width[0] + width[1]) + CLEARANCE,
+        );
         let hand = |i: usize| Hand {
             task: Task::Approach,
             s: start[i],
