@@ -96,7 +96,21 @@ impl PropagationPart for Propagation {
                 self.grown.write(Arc::clone(&self.bone));
                 Propagated::Grown(Box::new(self.sample(&report)))
             }
-            Ok((None, _)) => Propagated::Checked,
+            Ok((None, r)) => {
+                if std::env::var_os("OSTEO_DEBUG").is_some() && loaded.serial % 10 == 0 {
+                    #[allow(clippy::print_stderr)]
+                    {
+                        eprintln!(
+                            "{} strongest {:.3} fronts {} lig {:?}",
+                            loaded.serial,
+                            r.strongest,
+                            r.fronts.iter().map(Vec::len).sum::<usize>(),
+                            r.ligament
+                        );
+                    }
+                }
+                Propagated::Checked
+            }
             Err(error) => {
                 self.stuck = Some(error.to_string());
                 Propagated::Checked
