@@ -1,1 +1,15 @@
-//! (see the crate's own page)
+//! The crack: its explicit surface, what it cuts, how hard it is driven, and how it grows.
+pub mod criterion;
+mod cut_edges;
+mod enrichment;
+mod fragments;
+pub mod growth;
+pub mod stress_intensity;
+mod surface;
+mod system;
+
+pub use cut_edges::CutEdges;
+pub use enrichment::{Cell, NO_CELL, STANDARD, Topology};
+pub use fragments::{Fragments, SMALLEST_FRAGMENT, UnionFind, bridging_edges};
+pub use surface::{CrackSurface, Front, LinePoint, Sheet};
+pub use system::System;

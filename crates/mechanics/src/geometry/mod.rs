@@ -2,16 +2,20 @@
 mod aabb;
 mod block;
 mod distance_grid;
+mod signed_distance;
 mod spatial_hash;
 mod tet_mesh;
 mod tri_mesh;
+mod triangle;
 
 pub use aabb::Aabb;
 pub use block::block_mesh;
 pub use distance_grid::{DistanceGrid, DistanceSample, GridError};
+pub use signed_distance::{Closest, MeshDistance, SignedDistance};
 pub use spatial_hash::SpatialHash;
 pub use tet_mesh::{MeshError, NO_TET, TET_EDGES, TET_FACES, TetLocator, TetMesh};
 pub use tri_mesh::TriMesh;
+pub use triangle::{closest_on_triangle, segment_crosses};
 
 /// A position or a direction \[mm\].
 pub type Vec3 = nalgebra::Vector3<f64>;

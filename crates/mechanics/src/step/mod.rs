@@ -1,2 +1,12 @@
-//! (see the crate's own page)
+//! The three steps of the simulation, each a page of calls in the paper's order, and what they work on.
+//!
+//! [`Bone`] is everything that is constant between two growths, [`BoneState`] what is computed on it.
+mod bone;
+mod crack_faces;
+mod propagation;
+mod walls;
+
+pub use bone::{Body, Bone, BoneError, BoneState};
+pub use crack_faces::{CrackFaces, FaceContact};
+pub use propagation::{FrontPoint, GrowthReport, PropagationSettings, propagation_step};
 pub mod haptic;

@@ -1,0 +1,180 @@
+//! Cortical and trabecular bone, mixed in each tetrahedron by how much of it lies how deep.
+use crate::error::{AnatomyError, in_range};
+use crate::landmarks::JawFrame;
+use osteotome_mechanics::bone::TetMaterial;
+use osteotome_mechanics::geometry::{MeshDistance, TetMesh, Vec3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Stiffness and toughness of one kind of bone.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Tissue {
+    /// \[MPa\].
+    pub young_modulus: f64,
+    /// Between -1 and 0.5.
+    pub poisson_ratio: f64,
+    /// Critical energy release rate of a crack along and across the osteons \[N/mm\].
+    pub toughness: [f64; 2],
+}
+
+/// The bone's regions.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MaterialSpec {
+    /// The outer layer.
+    pub cortical: Tissue,
+    /// The core.
+    pub trabecular: Tissue,
+    /// Thickness of the outer layer \[mm\].
+    pub cortical_thickness: f64,
+}
+
+impl Default for MaterialSpec {
+    fn default() -> Self {
+        Self {
+            cortical: Tissue {
+                young_modulus: 15_000.0,
+                poisson_ratio: 0.3,
+                toughness: [0.5, 2.0],
+            },
+            trabecular: Tissue {
+                young_modulus: 1_500.0,
+                poisson_ratio: 0.3,
+                toughness: [0.2, 0.2],
+            },
+            cortical_thickness: 2.2,
+        }
+    }
+}
+
+impl MaterialSpec {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`AnatomyError::OutOfRange`] naming the first number that is not possible.
+    pub fn check(&self) -> Result<(), AnatomyError> {
+        for (name, tissue) in [
+            ("cortical", &self.cortical),
+            ("trabecular", &self.trabecular),
+        ] {
+            let key = |field: &str| format!("material.{name}.{field}");
+            in_range(&key("young_modulus"), tissue.young_modulus, 1e-3, 1e7)?;
+            let nu = tissue.poisson_ratio;
+            if !(nu > -1.0 && nu < 0.5) {
+                return Err(AnatomyError::OutOfRange {
+                    key: key("poisson_ratio"),
+                    value: nu,
+                    range: "it must lie above -1 and below 0.5".to_owned(),
+                });
+            }
+            for toughness in tissue.toughness {
+                in_range(&key("toughness"), toughness, 1e-6, 1e6)?;
+            }
+        }
+        in_range(
+            "material.cortical_thickness",
+            self.cortical_thickness,
+            0.0,
+            50.0,
+        )
+    }
+
+    /// Materials of all tetrahedra. Every property is the volume-weighted arithmetic mean of the two tissues, the cortical share
+    /// counted at 35 points of the tetrahedron; what the mesh has outside the surface counts as cortical. Osteons follow the
+    /// jaw's centre line.
+    ///
+    /// # Errors
+    /// As [`check`](Self::check).
+    pub fn assign(
+        &self,
+        mesh: &TetMesh,
+        surface: &MeshDistance,
+        frame: &JawFrame,
+    ) -> Result<Vec<TetMaterial>, AnatomyError> {
+        self.check()?;
+        let samples = samples();
+        let material = |t: usize| {
+            let corners = mesh.corners(t);
+            let share = self.cortical_share(&corners, surface, &samples);
+            let mix = |f: fn(&Tissue) -> f64| {
+                share * f(&self.cortical) + (1.0 - share) * f(&self.trabecular)
+            };
+            TetMaterial {
+                young_modulus: mix(|m| m.young_modulus),
+                poisson_ratio: mix(|m| m.poisson_ratio),
+                toughness_along: mix(|m| m.toughness[0]),
+                toughness_across: mix(|m| m.toughness[1]),
+                osteon: frame.along(&(corners.iter().sum::<Vec3>() * 0.25)),
+            }
+        };
+        Ok((0..mesh.tets().len())
+            .into_par_iter()
+            .map(material)
+            .collect())
+    }
+
+    fn cortical_share(
+        &self,
+        corners: &[Vec3; 4],
+        surface: &MeshDistance,
+        samples: &[[f64; 4]],
+    ) -> f64 {
+        let is_cortical = |w: &&[f64; 4]| {
+            let p: Vec3 = (0..4).map(|k| corners[k] * w[k]).sum();
+            surface.signed(&p) > -self.cortical_thickness
+        };
+        samples.iter().filter(is_cortical).count() as f64 / samples.len() as f64
+    }
+}
+
+/// Barycentric coordinates of 35 points that stand for about equal volumes: the centres of a tetrahedral stack of 5 layers.
+fn samples() -> Vec<[f64; 4]> {
+    const LAYERS: u32 = 5;
+    let at = |i: u32| (f64::from(i) + 0.25) / f64::from(LAYERS);
+    let mut points = Vec::new();
+    for i in 0..LAYERS {
+        for j in 0..LAYERS - i {
+            for k in 0..LAYERS - i - j {
+                let l = LAYERS - 1 - i - j - k;
+                points.push([at(i), at(j), at(k), at(l)]);
+            }
+        }
+    }
+    points
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_are_inside_and_balanced() {
+        let samples = samples();
+        assert_eq!(samples.len(), 35);
+        let mut mean = [0.0; 4];
+        for w in &samples {
+            assert!((w.iter().sum::<f64>() - 1.0).abs() < 1e-12 && w.iter().all(|c| *c > 0.0));
+            (0..4).for_each(|k| mean[k] += w[k] / 35.0);
+        }
+        assert!(mean.iter().all(|m| (m - 0.25).abs() < 1e-12));
+    }
+
+    #[test]
+    fn impossible_materials_are_named() {
+        let mut spec = MaterialSpec::default();
+        spec.cortical.young_modulus = -3.0;
+        let text = spec.check().unwrap_err().to_string();
+        assert!(
+            text.starts_with("material.cortical.young_modulus = -3 is outside its range"),
+            "{text}"
+        );
+        let mut spec = MaterialSpec::default();
+        spec.trabecular.poisson_ratio = 0.5;
+        let text = spec.check().unwrap_err().to_string();
+        assert_eq!(
+            text,
+            "material.trabecular.poisson_ratio = 0.5 is outside its range; it must lie above -1 and below 0.5"
+        );
+    }
+}

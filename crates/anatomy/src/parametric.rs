@@ -1,0 +1,643 @@
+//! A mandible from a few numbers, for when there is no scan: the signed distance field of an idealised jaw.
+//!
+//! Frame: mm, x = patient left, y = posterior, z = superior; origin midway between the condyle centres; symmetric about x = 0.
+//! Sizes at scale 1 follow published means (ramus 31.3 wide and 44.8 high, gonial angle 124.8 degrees, bicondylar width about
+//! 120, bigonial about 98, body 28-32 high and 11-14 broad). The shape between them is invented and must be shown as such.
+use crate::error::{AnatomyError, in_range};
+use crate::landmarks::{Landmarks, SideLandmarks, cast};
+use osteotome_mechanics::geometry::{Aabb, MeshDistance, SignedDistance, Vec3};
+use serde::{Deserialize, Serialize};
+
+/// The numbers that make a parametric mandible; all have defaults.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Parameters {
+    /// Size of the whole, 0.7 to 1.3.
+    pub scale: f64,
+    /// Angle between lower border and posterior border of the ramus \[degrees\], 112 to 138.
+    pub gonial_angle: f64,
+    /// Width of the ramus \[mm at scale 1\], 26 to 38.
+    pub ramus_width: f64,
+    /// Thickness of the ramus \[mm at scale 1\], 6 to 11.
+    pub ramus_thickness: f64,
+    /// Height of the body at the chin \[mm at scale 1\], 24 to 36.
+    pub body_height: f64,
+    /// Breadth of the body \[mm at scale 1\], 10 to 16.
+    pub body_breadth: f64,
+    /// Distance between the condyle centres \[mm at scale 1\], 80 to 115.
+    pub condyle_distance: f64,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            scale: 1.0,
+            gonial_angle: MEAN_GONIAL_ANGLE,
+            ramus_width: 31.3,
+            ramus_thickness: 8.0,
+            body_height: 30.0,
+            body_breadth: 12.5,
+            condyle_distance: 101.0,
+        }
+    }
+}
+
+impl Parameters {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`AnatomyError::OutOfRange`] naming the first number that is outside its range.
+    pub fn check(&self) -> Result<(), AnatomyError> {
+        let ranges = [
+            ("scale", self.scale, 0.7, 1.3),
+            ("gonial_angle", self.gonial_angle, 112.0, 138.0),
+            ("ramus_width", self.ramus_width, 26.0, 38.0),
+            ("ramus_thickness", self.ramus_thickness, 6.0, 11.0),
+            ("body_height", self.body_height, 24.0, 36.0),
+            ("body_breadth", self.body_breadth, 10.0, 16.0),
+            ("condyle_distance", self.condyle_distance, 80.0, 115.0),
+        ];
+        for (name, value, low, high) in ranges {
+            in_range(&format!("patient.parametric.{name}"), value, low, high)?;
+        }
+        Ok(())
+    }
+}
+
+/// How far the posterior border leans back from the vertical at the mean gonial angle \[degrees\].
+const RAMUS_LEAN: f64 = 10.8;
+/// The mean gonial angle \[degrees\]; half of a deviation tilts the ramus, half the lower border.
+const MEAN_GONIAL_ANGLE: f64 = 124.8;
+/// Condyle: half axes across, along and up \[mm\].
+const CONDYLE: Vec3 = Vec3::new(9.5, 4.5, 4.8);
+/// Radius of the smooth unions \[mm\].
+const BLEND: f64 = 4.0;
+/// Vertices of the arch and of the ramus outline.
+const N_ARCH: usize = 40;
+
+/// The signed distance field. Exact distance only near the surface's smooth parts; its sign and zero set are exact everywhere.
+#[derive(Clone, Debug)]
+pub struct ParametricMandible {
+    parameters: Parameters,
+    /// Gonion: x, y, z.
+    gonion: Vec3,
+    /// Ramus frame in the y-z plane: forward (`w`) and up (`v`) along the posterior border.
+    forward: [f64; 2],
+    up: [f64; 2],
+    /// Ramus outline in (w, v), counter-clockwise.
+    outline: Vec<[f64; 2]>,
+    /// Right half of the body's centre line in (x, y), from the midline back, with height of lower and upper border and half breadth.
+    arch: Vec<ArchPoint>,
+    /// Inclination of the lower border against the horizontal, as a slope.
+    slope: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct ArchPoint {
+    at: [f64; 2],
+    bottom: f64,
+    top: f64,
+    half_breadth: f64,
+}
+
+impl ParametricMandible {
+    /// Makes the field.
+    ///
+    /// # Errors
+    /// As [`Parameters::check`].
+    pub fn new(parameters: Parameters) -> Result<Self, AnatomyError> {
+        parameters.check()?;
+        let lean = RAMUS_LEAN + 0.5 * (parameters.gonial_angle - MEAN_GONIAL_ANGLE);
+        let (sin, cos) = lean.to_radians().sin_cos();
+        let (forward, up) = ([-cos, sin], [sin, cos]);
+        let slope = (parameters.gonial_angle - 90.0 - lean).to_radians().tan();
+        let outline = ramus_outline(&parameters);
+        // The condyle's centre is the origin of y and z; its place in the ramus frame says where the gonion is.
+        let [w, v] = condyle_in_ramus(&parameters);
+        let gonion = Vec3::new(
+            0.5 * parameters.condyle_distance - 5.5,
+            -(w * forward[0] + v * up[0]),
+            -(w * forward[1] + v * up[1]),
+        );
+        let mut mandible = Self {
+            parameters,
+            gonion,
+            forward,
+            up,
+            outline,
+            arch: Vec::new(),
+            slope,
+        };
+        mandible.arch = mandible.make_arch();
+        Ok(mandible)
+    }
+
+    /// The numbers it was made from.
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    fn make_arch(&self) -> Vec<ArchPoint> {
+        let p = &self.parameters;
+        let g = self.gonion;
+        // From the chin's midline along the teeth into the ramus.
+        let length = 62.0;
+        let control = [
+            [0.0, g.y - length],
+            [0.47 * g.x, g.y - length],
+            [0.76 * g.x, g.y - 0.66 * length],
+            [0.99 * g.x, g.y - 0.18 * length],
+        ];
+        let chin = g.z - self.slope * length;
+        (0..=N_ARCH)
+            .map(|i| {
+                let t = i as f64 / N_ARCH as f64;
+                let at = [0, 1].map(|k| bezier(&control.map(|c| c[k]), t));
+                let back = (at[1] - g.y + length) / length;
+                // Straight along the mandibular plane, levelled towards the chin.
+                let bottom = chin
+                    + self.slope * length * (back - 0.10 * (1.0 - back).powi(4))
+                    + 1.0
+                    + 3.0 * smoothstep(0.55, 0.85, back);
+                // From the chin's height to that of the ramus' foot, which the chin's height moves a little.
+                let chin_crest = chin + p.body_height;
+                let foot = g.z + 11.0 + 0.6 * (p.body_height - 30.0);
+                let crest = chin_crest + (foot - chin_crest) * back / 0.4;
+                let taper = 1.0 - 0.35 * smoothstep(0.55, 0.95, back);
+                ArchPoint {
+                    at,
+                    bottom,
+                    top: bottom + (crest - bottom).max(12.0),
+                    half_breadth: 0.5 * p.body_breadth * taper,
+                }
+            })
+            .collect()
+    }
+
+    fn to_ramus(&self, y: f64, z: f64) -> [f64; 2] {
+        let (dy, dz) = (y - self.gonion.y, z - self.gonion.z);
+        [
+            dy * self.forward[0] + dz * self.forward[1],
+            dy * self.up[0] + dz * self.up[1],
+        ]
+    }
+
+    fn from_ramus(&self, [w, v]: [f64; 2]) -> Vec3 {
+        Vec3::new(
+            self.ramus_x(w, v),
+            self.gonion.y + w * self.forward[0] + v * self.up[0],
+            self.gonion.z + w * self.forward[1] + v * self.up[1],
+        )
+    }
+
+    /// Where the middle of the ramus is across; it leans out towards the condyle and turns in towards the tooth row.
+    fn ramus_x(&self, w: f64, v: f64) -> f64 {
+        let turn = (w - 20.0).max(0.0).powi(2) * (1.0 - smoothstep(0.0, 26.0, v));
+        self.gonion.x + 5.5 * (v / 51.5).clamp(-0.5, 1.2) - 0.021 * turn
+    }
+
+    fn body(&self, x: f64, p: &Vec3) -> f64 {
+        let here = [x, p.y];
+        let mut best = (f64::INFINITY, 0, 0.0);
+        for (i, pair) in self.arch.windows(2).enumerate() {
+            let (a, b) = (pair[0].at, pair[1].at);
+            let (e, d) = ([b[0] - a[0], b[1] - a[1]], [here[0] - a[0], here[1] - a[1]]);
+            let s = ((d[0] * e[0] + d[1] * e[1]) / (e[0] * e[0] + e[1] * e[1])).clamp(0.0, 1.0);
+            let distance = (d[0] - s * e[0]).hypot(d[1] - s * e[1]);
+            if distance < best.0 {
+                best = (distance, i, s);
+            }
+        }
+        let (across, i, s) = best;
+        let (a, b) = (&self.arch[i], &self.arch[i + 1]);
+        let mix = |f: fn(&ArchPoint) -> f64| f(a) * (1.0 - s) + f(b) * s;
+        let (bottom, top) = (mix(|q| q.bottom), mix(|q| q.top));
+        let (half_height, middle) = (0.5 * (top - bottom), 0.5 * (top + bottom));
+        let half_breadth = mix(|q| q.half_breadth);
+        // Narrower towards the lower border, as in life behind the chin.
+        let low = ((middle - p.z) / half_height).clamp(-1.0, 1.0);
+        let half_breadth = half_breadth * (1.0 - 0.12 * low);
+        let round = (0.8 * half_breadth).min(0.8 * half_height);
+        rounded(
+            across - half_breadth,
+            (p.z - middle).abs() - half_height,
+            round,
+        )
+    }
+
+    fn ramus(&self, x: f64, p: &Vec3) -> f64 {
+        let [w, v] = self.to_ramus(p.y, p.z);
+        let plan = polygon_distance(&self.outline, [w, v]);
+        // Thinner towards coronoid and notch, and where it fades out on the body's cheek side.
+        let thin =
+            (1.0 - 0.22 * smoothstep(20.0, 43.0, v)) * (1.0 - 0.5 * smoothstep(30.0, 44.0, w));
+        let half = 0.5 * self.parameters.ramus_thickness * thin;
+        rounded(plan, (x - self.ramus_x(w, v)).abs() - half, 0.85 * half)
+    }
+
+    fn condyle(&self, x: f64, p: &Vec3) -> f64 {
+        let c = Vec3::new(0.5 * self.parameters.condyle_distance, 0.0, 0.0);
+        let d = Vec3::new(x, p.y, p.z) - c;
+        let (k0, k1) = (
+            d.component_div(&CONDYLE).norm(),
+            d.component_div(&CONDYLE.component_mul(&CONDYLE)).norm(),
+        );
+        if k1 < 1e-12 {
+            -CONDYLE.min()
+        } else {
+            k0 * (k0 - 1.0) / k1
+        }
+    }
+
+    fn field(&self, p: &Vec3) -> f64 {
+        let x = p.x.abs();
+        let bone = smooth_union(self.body(x, p), self.ramus(x, p), BLEND);
+        smooth_union(bone, self.condyle(x, p), BLEND)
+    }
+
+    /// Landmarks of both sides on `surface`, the mesh of this field's zero set.
+    ///
+    /// # Errors
+    /// [`AnatomyError::NotAMandible`] if `surface` is another one, so that landmarks do not fall onto it.
+    pub fn landmarks(&self, surface: &MeshDistance) -> Result<Landmarks, AnatomyError> {
+        let scale = self.parameters.scale;
+        let chin = Vec3::new(0.0, self.arch[0].at[1], self.arch[0].bottom - 10.0) * scale;
+        Ok(Landmarks {
+            menton: cast(surface, &chin, &Vec3::z()).ok_or_else(|| missing("menton"))?,
+            right: self.side_landmarks(surface, -1.0)?,
+            left: self.side_landmarks(surface, 1.0)?,
+        })
+    }
+
+    fn side_landmarks(
+        &self,
+        surface: &MeshDistance,
+        sign: f64,
+    ) -> Result<SideLandmarks, AnatomyError> {
+        let world = |p: Vec3| Vec3::new(sign * p.x, p.y, p.z) * self.parameters.scale;
+        let onto = |p: Vec3| surface.closest(&world(p)).map_or(world(p), |c| c.point);
+        let width = self.parameters.ramus_width;
+        let condyle = Vec3::new(0.5 * self.parameters.condyle_distance, 0.0, 0.0);
+        let crest: Vec<Vec3> = self.outline.iter().map(|q| self.from_ramus(*q)).collect();
+        let pick = |low: f64, high: f64, up: f64| {
+            let range = low * width..high * width;
+            let of_crest = self.outline.iter().zip(&crest);
+            of_crest
+                .filter(|(q, _)| range.contains(&q[0]) && q[1] > 20.0)
+                .max_by(|a, b| (up * a.1.z).total_cmp(&(up * b.1.z)))
+                .map_or(condyle, |(_, p)| *p)
+        };
+        // 53 % of the ramus' width from behind, 30 above the lower border; straight up leans forward in the ramus frame.
+        let (cot, w) = (self.cot(), 0.53 * width);
+        let lingula = self.from_ramus([w, cot * w + 30.0 * (self.up[1] - cot * self.forward[1])]);
+        let molar = self.second_molar();
+        let inside = world(lingula) - Vec3::x() * (sign * 20.0);
+        let below = world(molar + Vec3::new(0.0, 5.0, -60.0));
+        Ok(SideLandmarks {
+            condyle_centre: world(condyle),
+            condyle_top: onto(condyle + Vec3::z() * CONDYLE.z),
+            coronoid_tip: onto(pick(0.6, 1.2, 1.0)),
+            sigmoid_notch: onto(pick(0.35, 0.8, -1.0)),
+            gonion: onto(self.gonion),
+            lingula: cast(surface, &inside, &(Vec3::x() * sign))
+                .ok_or_else(|| missing("lingula"))?,
+            external_oblique_ridge: self.ridge(&lingula, &molar).map(onto).collect(),
+            second_molar_buccal: onto(molar),
+            lower_border: cast(surface, &below, &Vec3::z())
+                .ok_or_else(|| missing("lower border"))?,
+        })
+    }
+
+    fn cot(&self) -> f64 {
+        1.0 / self.parameters.gonial_angle.to_radians().tan()
+    }
+
+    /// On the crest beside the second molar, a little forward of the ramus' front; towards the cheek.
+    fn second_molar(&self) -> Vec3 {
+        let y = self.from_ramus([self.parameters.ramus_width + 6.5, 5.0]).y;
+        let nearest = self
+            .arch
+            .iter()
+            .min_by(|a, b| (a.at[1] - y).abs().total_cmp(&(b.at[1] - y).abs()));
+        let at = nearest.copied().unwrap_or(self.arch[0]);
+        Vec3::new(at.at[0] + 0.5 * at.half_breadth, at.at[1], at.top)
+    }
+
+    /// Front of the ramus from above the lingula down to the second molar, before it is brought onto the surface.
+    fn ridge(&self, lingula: &Vec3, molar: &Vec3) -> impl Iterator<Item = Vec3> {
+        let (top, bottom) = (lingula.z + 5.0, molar.z + 3.0);
+        let mut points: Vec<Vec3> = (0..=24)
+            .map(|i| top + (bottom - top) * f64::from(i) / 24.0)
+            .filter_map(|z| self.ramus_front(z))
+            .collect();
+        let last = points.last().copied().unwrap_or(*molar);
+        points.extend((1..=6).map(|i| last + (molar - last) * (f64::from(i) / 6.0)));
+        points.into_iter()
+    }
+
+    /// The foremost point of the ramus' outline at a height.
+    fn ramus_front(&self, z: f64) -> Option<Vec3> {
+        let n = self.outline.len();
+        let crossing = |i: usize| {
+            let (a, b) = (self.outline[i], self.outline[(i + 1) % n]);
+            let (pa, pb) = (self.from_ramus(a), self.from_ramus(b));
+            let s = (z - pa.z) / (pb.z - pa.z);
+            (0.0..1.0).contains(&s).then(|| pa + (pb - pa) * s)
+        };
+        (0..n)
+            .filter_map(crossing)
+            .min_by(|a, b| a.y.total_cmp(&b.y))
+    }
+}
+
+fn missing(what: &str) -> AnatomyError {
+    AnatomyError::NotAMandible {
+        name: "the parametric mandible".to_owned(),
+        reason: format!("no bone at the {what}"),
+    }
+}
+
+impl SignedDistance for ParametricMandible {
+    fn signed(&self, p: &Vec3) -> f64 {
+        let scale = self.parameters.scale;
+        scale * self.field(&(p / scale))
+    }
+
+    fn bounds(&self) -> Aabb {
+        let x = 0.5 * self.parameters.condyle_distance + CONDYLE.x;
+        let x = x.max(self.gonion.x + self.parameters.ramus_thickness) + 3.0;
+        let chin = &self.arch[0];
+        let top = self.outline.iter().map(|q| self.from_ramus(*q).z);
+        Aabb {
+            min: Vec3::new(
+                -x,
+                chin.at[1] - self.parameters.body_breadth,
+                chin.bottom - 4.0,
+            ),
+            max: Vec3::new(x, 14.0, top.fold(CONDYLE.z, f64::max) + 4.0),
+        }
+        .scaled(self.parameters.scale)
+    }
+}
+
+trait Scaled {
+    fn scaled(self, factor: f64) -> Self;
+}
+
+impl Scaled for Aabb {
+    fn scaled(self, factor: f64) -> Self {
+        Self {
+            min: self.min * factor,
+            max: self.max * factor,
+        }
+    }
+}
+
+/// Centre of the condyle in the ramus frame (w, v).
+fn condyle_in_ramus(p: &Parameters) -> [f64; 2] {
+    [5.0 * p.ramus_width / 31.3, 51.5]
+}
+
+/// Side view of the ramus in its frame: posterior border along w = 0, gonion at the origin.
+fn ramus_outline(p: &Parameters) -> Vec<[f64; 2]> {
+    let cot = 1.0 / p.gonial_angle.to_radians().tan();
+    // Follows the lower border when the gonial angle differs from the one the numbers below are for.
+    let tilt = |w: f64| 0.45 * w * (cot + 0.695);
+    let lower = |w: f64, above: f64| [w, cot * w + above];
+    let control: Vec<[f64; 2]> = [
+        [0.5, 8.0],
+        [0.3, 18.0],
+        [0.8, 32.0],
+        [0.8, 43.0],
+        [1.8, 50.0],
+        [5.5, 52.5],
+        [8.8, 48.5],
+        [10.6, 42.0],
+        [14.5, 37.3],
+        [18.8, 36.5],
+        [23.0, 40.0],
+        [26.2, 45.5],
+        [28.8, 46.3],
+        [31.0, 42.0],
+        [31.3, 33.0],
+        [30.6, 22.5],
+        [31.6, 13.0 + tilt(31.6)],
+        [34.5, 6.5 + tilt(34.5)],
+        [39.0, 1.5 + tilt(39.0)],
+        [43.0, -4.0 + tilt(43.0)],
+        [43.0, -12.0 + tilt(43.0)],
+        lower(36.0, 5.0),
+        lower(26.0, 1.5),
+        lower(15.0, 0.5),
+        lower(7.5, 1.6),
+        [2.4, 1.8],
+    ]
+    .map(|[w, v]| [w * p.ramus_width / 31.3, v])
+    .to_vec();
+    closed_spline(&control, 3)
+}
+
+/// Closed Catmull-Rom curve through `control`, `steps` segments between two points.
+fn closed_spline(control: &[[f64; 2]], steps: usize) -> Vec<[f64; 2]> {
+    let n = control.len();
+    let at = |i: usize, t: f64, k: usize| {
+        let [a, b, c, d] = [0, 1, 2, 3].map(|j| control[(i + j + n - 1) % n][k]);
+        let cubic = (3.0 * (b - c) + d - a) * t + 2.0 * a - 5.0 * b + 4.0 * c - d;
+        0.5 * (((cubic * t) + c - a) * t + 2.0 * b)
+    };
+    (0..n)
+        .flat_map(|i| (0..steps).map(move |j| (i, j as f64 / steps as f64)))
+        .map(|(i, t)| [at(i, t, 0), at(i, t, 1)])
+        .collect()
+}
+
+fn bezier(c: &[f64; 4], t: f64) -> f64 {
+    let s = 1.0 - t;
+    c[0] * s.powi(3) + 3.0 * c[1] * s * s * t + 3.0 * c[2] * s * t * t + c[3] * t.powi(3)
+}
+
+/// 0 below `low`, 1 above `high`, smooth between.
+fn smoothstep(low: f64, high: f64, x: f64) -> f64 {
+    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
+/// Intersection of two half spaces at distances `a` and `b`, its edge rounded with radius `r`.
+fn rounded(a: f64, b: f64, r: f64) -> f64 {
+    let (a, b) = (a + r, b + r);
+    a.max(b).min(0.0) + a.max(0.0).hypot(b.max(0.0)) - r
+}
+
+/// Union with a fillet about `k` wide (polynomial smooth minimum).
+fn smooth_union(a: f64, b: f64, k: f64) -> f64 {
+    let h = (k - (a - b).abs()).max(0.0) / k;
+    a.min(b) - 0.25 * k * h * h
+}
+
+/// Signed distance to a closed polygon, negative inside.
+fn polygon_distance(polygon: &[[f64; 2]], p: [f64; 2]) -> f64 {
+    let mut best = f64::INFINITY;
+    let mut inside = false;
+    let mut a = polygon[polygon.len() - 1];
+    for &b in polygon {
+        let (e, d) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
+        let s = ((d[0] * e[0] + d[1] * e[1]) / (e[0] * e[0] + e[1] * e[1])).clamp(0.0, 1.0);
+        let (dx, dy) = (d[0] - s * e[0], d[1] - s * e[1]);
+        best = best.min(dx * dx + dy * dy);
+        if (a[1] > p[1]) != (b[1] > p[1]) && d[0] < d[1] / e[1] * e[0] {
+            inside = !inside;
+        }
+        a = b;
+    }
+    if inside { -best.sqrt() } else { best.sqrt() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesher::contour;
+
+    fn surface(parameters: Parameters) -> (ParametricMandible, MeshDistance) {
+        let mandible = ParametricMandible::new(parameters).unwrap();
+        let mesh = contour(&mandible, 1.5 * parameters.scale).unwrap();
+        (mandible, MeshDistance::new(mesh))
+    }
+
+    /// Sizes against the ranges of the reference sheet.
+    #[test]
+    fn default_jaw_has_published_sizes() {
+        let (mandible, surface) = surface(Parameters::default());
+        let marks = mandible.landmarks(&surface).unwrap();
+        let bounds = surface.mesh().bounds();
+        assert!(
+            (115.0..125.0).contains(&bounds.extent().x),
+            "bicondylar width"
+        );
+        let distance = |a: Vec3, b: Vec3| (a - b).norm();
+        let bigonial = distance(marks.right.gonion, marks.left.gonion);
+        assert!(
+            (85.0..105.0).contains(&bigonial),
+            "bigonial width {bigonial}"
+        );
+        let body = distance(marks.right.gonion, marks.menton);
+        assert!((72.0..88.0).contains(&body), "body length {body}");
+        let lingula = marks.right.lingula;
+        let posterior = cast(
+            &surface,
+            &(lingula + Vec3::new(-2.0, 60.0, 0.0)),
+            &-Vec3::y(),
+        );
+        let width = posterior.unwrap().y - lingula.y;
+        assert!(
+            (14.0..18.0).contains(&width),
+            "lingula to posterior border {width}"
+        );
+        let below = cast(
+            &surface,
+            &(lingula + Vec3::new(-3.0, 0.0, -70.0)),
+            &Vec3::z(),
+        )
+        .unwrap();
+        let height = lingula.z - below.z;
+        assert!(
+            (27.0..34.0).contains(&height),
+            "lingula to lower border {height}"
+        );
+        let notch = marks.right.sigmoid_notch;
+        let height = notch.z
+            - cast(&surface, &(notch - Vec3::z() * 80.0), &Vec3::z())
+                .unwrap()
+                .z;
+        assert!((41.0..48.0).contains(&height), "ramus height {height}");
+    }
+
+    #[test]
+    fn jaw_is_one_symmetric_piece_at_the_ends_of_all_ranges() {
+        let d = Parameters::default();
+        let ends = [
+            Parameters {
+                gonial_angle: 112.0,
+                ..d
+            },
+            Parameters {
+                gonial_angle: 138.0,
+                ..d
+            },
+            Parameters {
+                ramus_width: 26.0,
+                ..d
+            },
+            Parameters {
+                ramus_width: 38.0,
+                ..d
+            },
+            Parameters {
+                ramus_thickness: 6.0,
+                ..d
+            },
+            Parameters {
+                ramus_thickness: 11.0,
+                ..d
+            },
+            Parameters {
+                body_height: 24.0,
+                body_breadth: 10.0,
+                ..d
+            },
+            Parameters {
+                body_height: 36.0,
+                body_breadth: 16.0,
+                ..d
+            },
+            Parameters {
+                condyle_distance: 80.0,
+                scale: 0.7,
+                ..d
+            },
+            Parameters {
+                condyle_distance: 115.0,
+                scale: 1.3,
+                ..d
+            },
+        ];
+        for parameters in ends {
+            let (mandible, surface) = surface(parameters);
+            let closed = crate::ClosedSurface::new(surface.mesh().clone(), "jaw").unwrap();
+            assert!(closed.notes.is_empty(), "{parameters:?}");
+            let body = crate::mesher::Body::of(&surface);
+            assert_eq!(body.genus, 0, "{parameters:?}");
+            assert!(surface.mesh().bounds().min.x > mandible.bounds().min.x);
+            let marks = mandible.landmarks(&surface).unwrap();
+            let (r, l) = (marks.right.lingula, marks.left.lingula);
+            assert!(
+                (r - Vec3::new(-l.x, l.y, l.z)).norm() < 0.3,
+                "{parameters:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn scale_is_exact() {
+        let large = Parameters {
+            scale: 1.2,
+            ..Parameters::default()
+        };
+        let a = ParametricMandible::new(Parameters::default()).unwrap();
+        let b = ParametricMandible::new(large).unwrap();
+        for p in [Vec3::new(-40.0, -20.0, -30.0), Vec3::new(3.0, -60.0, -70.0)] {
+            assert!((1.2 * a.signed(&p) - b.signed(&(p * 1.2))).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn numbers_outside_their_range_are_named() {
+        let wrong = Parameters {
+            gonial_angle: 200.0,
+            ..Parameters::default()
+        };
+        assert_eq!(
+            ParametricMandible::new(wrong).unwrap_err().to_string(),
+            "patient.parametric.gonial_angle = 200 is outside its range; it must lie between 112 and 138"
+        );
+    }
+}

@@ -1,0 +1,333 @@
+//! A patient: everything about one jaw that the simulation starts from.
+use crate::error::AnatomyError;
+use crate::landmarks::{JawFrame, Landmarks};
+use crate::materials::MaterialSpec;
+use crate::mesher::{self, Body};
+use crate::msh::read_msh;
+use crate::osteotomy::{DEFAULT_KERF, Osteotomy, PointSpec, Side, read_osteotomy};
+use crate::parametric::{Parameters, ParametricMandible};
+use crate::point_shell::{SurfacePoint, point_shell};
+use crate::stl::read_stl;
+use crate::surface::ClosedSurface;
+use osteotome_mechanics::bone::TetMaterial;
+use osteotome_mechanics::geometry::{MeshDistance, TetMesh, TriMesh, Vec3};
+use std::path::PathBuf;
+
+/// Everything about one jaw that the simulation starts from; checked.
+#[derive(Clone, Debug)]
+pub struct Patient {
+    /// Of whom, or of what.
+    pub name: String,
+    /// What is constructed, not measured, in words.
+    pub constructed: Vec<String>,
+    /// What was mended in the files, in words.
+    pub notes: Vec<String>,
+    /// The bone's surface, closed and outward \[mm, LPS\].
+    pub surface: TriMesh,
+    /// The bone's tetrahedra.
+    pub mesh: TetMesh,
+    /// By tetrahedron.
+    pub materials: Vec<TetMaterial>,
+    /// Points spread over the surface.
+    pub shell: Vec<SurfacePoint>,
+    /// The pre-sawn line.
+    pub osteotomy: Osteotomy,
+    /// Condyle centres, right and left.
+    pub condyles: [Vec3; 2],
+    /// Condyles, jaw angles and centre line as found on the surface.
+    pub frame: JawFrame,
+    /// Named places, where they are known.
+    pub landmarks: Option<Landmarks>,
+}
+
+/// Where the bone's surface comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SurfaceSource {
+    /// The idealised jaw.
+    Parametric(Parameters),
+    /// A closed surface in an STL file, mm, LPS.
+    File(PathBuf),
+}
+
+/// Where the tetrahedra come from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum MeshSource {
+    /// The own mesher, with about so many nodes.
+    Nodes(usize),
+    /// A Gmsh file.
+    File(PathBuf),
+}
+
+/// Where the pre-sawn line comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum OsteotomySource {
+    /// An osteotomy file.
+    File(PathBuf),
+    /// Points, as a scenario gives them.
+    Points(Vec<PointSpec>),
+    /// After Dal Pont, on landmarks.
+    DalPont,
+}
+
+/// What a patient is made from. A side or kerf given here goes before that of an osteotomy file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PatientSpec {
+    /// The bone.
+    pub surface: SurfaceSource,
+    /// Its tetrahedra.
+    pub mesh: MeshSource,
+    /// Its tissue.
+    pub material: MaterialSpec,
+    /// The pre-sawn line.
+    pub osteotomy: OsteotomySource,
+    /// Side of the osteotomy; must agree with that of a file.
+    pub side: Option<Side>,
+    /// Width of the saw cut \[mm\].
+    pub kerf: Option<f64>,
+    /// Number of points of the shell.
+    pub shell_points: usize,
+}
+
+impl Default for PatientSpec {
+    fn default() -> Self {
+        Self {
+            surface: SurfaceSource::Parametric(Parameters::default()),
+            mesh: MeshSource::Nodes(5_000),
+            material: MaterialSpec::default(),
+            osteotomy: OsteotomySource::DalPont,
+            side: None,
+            kerf: None,
+            shell_points: 100_000,
+        }
+    }
+}
+
+/// Fineness of the parametric mandible's surface \[mm\].
+const PARAMETRIC_SPACING: f64 = 2.0;
+/// A mesh from a file may differ from the surface's volume by this much, relatively: more is another bone.
+const MAX_VOLUME_DIFFERENCE: f64 = 0.25;
+
+struct Bone {
+    name: String,
+    constructed: Vec<String>,
+    surface: ClosedSurface,
+    parametric: Option<ParametricMandible>,
+}
+
+impl Patient {
+    /// Reads, meshes and checks. `progress` gets the name of the stage and how far all is, 0 to 1.
+    ///
+    /// # Errors
+    /// [`AnatomyError`], one line, for whatever is wrong first.
+    pub fn build(
+        spec: &PatientSpec,
+        progress: &mut dyn FnMut(&str, f64),
+    ) -> Result<Self, AnatomyError> {
+        // What is cheap to refuse goes first.
+        spec.material.check()?;
+        progress("surface", 0.0);
+        let mut bone = spec.surface.read()?;
+        let frame = JawFrame::find(&bone.surface.mesh, &bone.name)?;
+        let distance = MeshDistance::new(bone.surface.mesh.clone());
+        let landmarks = match &bone.parametric {
+            Some(parametric) => Some(parametric.landmarks(&distance)?),
+            None => None,
+        };
+        progress("osteotomy", 0.1);
+        let osteotomy = spec.osteotomy(&bone.name, landmarks.as_ref(), &distance)?;
+        if spec.osteotomy == OsteotomySource::DalPont {
+            let note = "the osteotomy line is placed on landmarks, not planned by a surgeon";
+            bone.constructed.push(note.to_owned());
+        }
+        let mesh = spec.mesh(&bone, &distance, progress)?;
+        progress("materials", 0.85);
+        let materials = spec.material.assign(&mesh, &distance, &frame)?;
+        let note =
+            "bone regions go by depth under the surface; osteons follow the jaw's centre line";
+        bone.constructed.push(note.to_owned());
+        progress("point shell", 0.95);
+        let shell = point_shell(&bone.surface.mesh, spec.shell_points)?;
+        progress("patient", 1.0);
+        Ok(Self {
+            name: bone.name,
+            constructed: bone.constructed,
+            notes: bone.surface.notes,
+            surface: bone.surface.mesh,
+            mesh,
+            materials,
+            shell,
+            osteotomy,
+            condyles: frame.condyles,
+            frame,
+            landmarks,
+        })
+    }
+
+    /// A number that changes whenever surface, mesh, materials, shell or osteotomy do, down to the last bit (FNV-1a, 64 bits).
+    pub fn digest(&self) -> u64 {
+        let mut h = Digest::default();
+        h.points(&self.surface.vertices);
+        self.surface
+            .triangles
+            .iter()
+            .flatten()
+            .for_each(|i| h.word(u64::from(*i)));
+        h.points(self.mesh.nodes());
+        self.mesh
+            .tets()
+            .iter()
+            .flatten()
+            .for_each(|i| h.word(u64::from(*i)));
+        for m in &self.materials {
+            h.numbers(&[
+                m.young_modulus,
+                m.poisson_ratio,
+                m.toughness_along,
+                m.toughness_across,
+            ]);
+            h.points(&[m.osteon]);
+        }
+        for p in &self.shell {
+            h.points(&[p.position, p.normal]);
+            h.numbers(&[p.area]);
+        }
+        h.numbers(&[self.osteotomy.side.sign(), self.osteotomy.kerf]);
+        for part in &self.osteotomy.parts {
+            part.kind.name().bytes().for_each(|b| h.word(u64::from(b)));
+            for p in &part.points {
+                h.points(&[p.at, p.toward]);
+                h.numbers(&[p.depth]);
+            }
+        }
+        h.points(&self.condyles);
+        h.0
+    }
+}
+
+impl SurfaceSource {
+    fn read(&self) -> Result<Bone, AnatomyError> {
+        match self {
+            Self::Parametric(parameters) => {
+                let mandible = ParametricMandible::new(*parameters)?;
+                let mesh = mesher::contour(&mandible, PARAMETRIC_SPACING * parameters.scale)?;
+                let name = "parametric mandible";
+                Ok(Bone {
+                    name: name.to_owned(),
+                    constructed: vec![
+                        "the bone is an idealised shape with published mean sizes, not a patient's"
+                            .to_owned(),
+                    ],
+                    surface: ClosedSurface::new(mesh, name)?,
+                    parametric: Some(mandible),
+                })
+            }
+            Self::File(path) => {
+                let name = path.display().to_string();
+                let surface = ClosedSurface::new(read_stl(path)?, &name)?;
+                Ok(Bone {
+                    name,
+                    constructed: Vec::new(),
+                    surface,
+                    parametric: None,
+                })
+            }
+        }
+    }
+}
+
+impl PatientSpec {
+    fn osteotomy(
+        &self,
+        name: &str,
+        landmarks: Option<&Landmarks>,
+        surface: &MeshDistance,
+    ) -> Result<Osteotomy, AnatomyError> {
+        let refuse = |reason: String| Err(AnatomyError::Osteotomy { reason });
+        let kerf = self.kerf.unwrap_or(DEFAULT_KERF);
+        match &self.osteotomy {
+            OsteotomySource::File(path) => {
+                let file = read_osteotomy(path)?;
+                if let Some(side) = self.side.filter(|s| *s != file.side) {
+                    return refuse(format!(
+                        "the scenario says side {side:?}, but {} is for the {:?} side",
+                        path.display(),
+                        file.side
+                    ));
+                }
+                let kerf = self.kerf.or(file.kerf).unwrap_or(DEFAULT_KERF);
+                Osteotomy::from_points(file.side, kerf, &file.points, surface)
+            }
+            OsteotomySource::Points(points) => {
+                let Some(side) = self.side else {
+                    return refuse("no side is given; say side = \"right\" or \"left\"".to_owned());
+                };
+                Osteotomy::from_points(side, kerf, points, surface)
+            }
+            OsteotomySource::DalPont => {
+                let Some(landmarks) = landmarks else {
+                    return refuse(format!(
+                        "technique \"dal-pont\" needs landmarks, which {name} has not; give a file or points"
+                    ));
+                };
+                Osteotomy::dal_pont(landmarks, self.side.unwrap_or(Side::Right), kerf, surface)
+            }
+        }
+    }
+
+    fn mesh(
+        &self,
+        bone: &Bone,
+        distance: &MeshDistance,
+        progress: &mut dyn FnMut(&str, f64),
+    ) -> Result<TetMesh, AnatomyError> {
+        let body = Body::of(distance);
+        let volume = body.volume;
+        match &self.mesh {
+            MeshSource::Nodes(target) => {
+                let mut inner = |f: f64| progress("mesh", 0.15 + 0.7 * f);
+                Ok(mesher::mesh_to_nodes(&body, *target, &mut inner)?.mesh)
+            }
+            MeshSource::File(path) => {
+                let mesh = read_msh(path)?.mesh;
+                let difference = mesh.volume() / volume - 1.0;
+                let overlap = mesh.bounds().overlaps(&bone.surface.mesh.bounds());
+                if difference.abs() > MAX_VOLUME_DIFFERENCE || !overlap {
+                    let reason = format!(
+                        "{} holds {:.0} mm3, {} {:.0} mm3; mesh and surface must be of the same bone in the same frame",
+                        path.display(),
+                        mesh.volume(),
+                        bone.name,
+                        volume
+                    );
+                    return Err(AnatomyError::Mesher { reason });
+                }
+                Ok(mesh)
+            }
+        }
+    }
+}
+
+struct Digest(u64);
+
+impl Default for Digest {
+    fn default() -> Self {
+        Self(0xcbf2_9ce4_8422_2325)
+    }
+}
+
+impl Digest {
+    fn word(&mut self, word: u64) {
+        for byte in word.to_le_bytes() {
+            self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        }
+    }
+    fn numbers(&mut self, numbers: &[f64]) {
+        numbers.iter().for_each(|x| self.word(x.to_bits()));
+    }
+    fn points(&mut self, points: &[Vec3]) {
+        points
+            .iter()
+            .flat_map(|p| p.iter())
+            .for_each(|x| self.word(x.to_bits()));
+    }
+}

@@ -1,0 +1,254 @@
+//! Surfaces from files, and what makes a surface usable.
+use crate::error::AnatomyError;
+use osteotome_mechanics::geometry::{TriMesh, Vec3};
+use rustc_hash::FxHashMap;
+
+/// No surface may have more triangles than this.
+pub const MAX_TRIANGLES: usize = 10_000_000;
+
+/// A surface that may bound a solid: closed, manifold, outward, one piece; what was mended is in `notes`.
+#[derive(Clone, Debug)]
+pub struct ClosedSurface {
+    /// The surface.
+    pub mesh: TriMesh,
+    /// What was mended, in words.
+    pub notes: Vec<String>,
+}
+
+impl ClosedSurface {
+    /// Checks a surface. A surface turned inside out is turned back and crumbs beside the largest piece are dropped, both with a note.
+    ///
+    /// # Errors
+    /// [`AnatomyError`] for a surface that is empty, not finite, open, not manifold, not consistently oriented, or flat.
+    pub fn new(mesh: TriMesh, name: &str) -> Result<Self, AnatomyError> {
+        let mut notes = Vec::new();
+        check_numbers(&mesh, name)?;
+        check_edges(&mesh, name)?;
+        let (mut mesh, dropped) = largest_piece(mesh);
+        if dropped > 0 {
+            notes.push(format!(
+                "{name}: kept the largest of {} pieces",
+                dropped + 1
+            ));
+        }
+        let volume = mesh.volume();
+        if volume < 0.0 {
+            for t in &mut mesh.triangles {
+                t.swap(1, 2);
+            }
+            notes.push(format!("{name}: the surface was inside out and was turned"));
+        }
+        // A cubic millimetre: less is a flat surface, or one in metres.
+        if volume.abs() < 1.0 {
+            let name = name.to_owned();
+            return Err(AnatomyError::NoVolume { name, volume });
+        }
+        Ok(Self { mesh, notes })
+    }
+}
+
+fn check_numbers(mesh: &TriMesh, name: &str) -> Result<(), AnatomyError> {
+    if mesh.triangles.is_empty() {
+        return Err(AnatomyError::EmptySurface {
+            name: name.to_owned(),
+        });
+    }
+    let finite = |p: &Vec3| p.iter().all(|c| c.is_finite());
+    if let Some(vertex) = mesh.vertices.iter().position(|p| !finite(p)) {
+        let name = name.to_owned();
+        return Err(AnatomyError::NotFinite { name, vertex });
+    }
+    Ok(())
+}
+
+fn check_edges(mesh: &TriMesh, name: &str) -> Result<(), AnatomyError> {
+    let mut uses: FxHashMap<[u32; 2], [u32; 2]> = FxHashMap::default();
+    for t in &mesh.triangles {
+        for k in 0..3 {
+            let (a, b) = (t[k], t[(k + 1) % 3]);
+            uses.entry([a.min(b), a.max(b)]).or_default()[usize::from(a > b)] += 1;
+        }
+    }
+    let pick = |bad: fn(&[u32; 2]) -> bool| {
+        let mut edges: Vec<_> = uses
+            .iter()
+            .filter(|(_, n)| bad(n))
+            .map(|(e, _)| *e)
+            .collect();
+        edges.sort_unstable();
+        let near = edges
+            .first()
+            .map(|e| (mesh.vertices[e[0] as usize] + mesh.vertices[e[1] as usize]) * 0.5);
+        near.map(|near| (name.to_owned(), edges.len(), near))
+    };
+    if let Some((name, n_edges, near)) = pick(|n| n[0] + n[1] > 2) {
+        return Err(AnatomyError::NonManifold {
+            name,
+            n_edges,
+            near,
+        });
+    }
+    if let Some((name, n_edges, near)) = pick(|n| n[0] + n[1] == 1) {
+        return Err(AnatomyError::OpenSurface {
+            name,
+            n_edges,
+            near,
+        });
+    }
+    if let Some((name, n_edges, near)) = pick(|n| n[0] == 2 || n[1] == 2) {
+        return Err(AnatomyError::Orientation {
+            name,
+            n_edges,
+            near,
+        });
+    }
+    Ok(())
+}
+
+/// The connected piece that encloses most, without loose vertices, and how many others there were.
+fn largest_piece(mesh: TriMesh) -> (TriMesh, usize) {
+    let mut parent: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
+    for t in &mesh.triangles {
+        for k in 1..3 {
+            let (a, b) = (root(&mut parent, t[0]), root(&mut parent, t[k]));
+            parent[a.max(b) as usize] = a.min(b);
+        }
+    }
+    let mut volumes: FxHashMap<u32, f64> = FxHashMap::default();
+    for t in 0..mesh.triangles.len() {
+        let [a, b, c] = mesh.corners(t);
+        *volumes
+            .entry(root(&mut parent, mesh.triangles[t][0]))
+            .or_default() += a.dot(&b.cross(&c));
+    }
+    let mut pieces: Vec<_> = volumes.iter().map(|(r, v)| (v.abs(), *r)).collect();
+    pieces.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let Some(&(_, keep)) = pieces.first() else {
+        return (mesh, 0);
+    };
+    let kept: Vec<_> = mesh
+        .triangles
+        .iter()
+        .copied()
+        .filter(|t| root(&mut parent, t[0]) == keep)
+        .collect();
+    (compact(&mesh.vertices, &kept), pieces.len() - 1)
+}
+
+fn root(parent: &mut [u32], mut v: u32) -> u32 {
+    while parent[v as usize] != v {
+        parent[v as usize] = parent[parent[v as usize] as usize];
+        v = parent[v as usize];
+    }
+    v
+}
+
+/// The mesh of the given triangles with unused vertices left out, order kept.
+pub(crate) fn compact(vertices: &[Vec3], triangles: &[[u32; 3]]) -> TriMesh {
+    let mut index = vec![u32::MAX; vertices.len()];
+    for v in triangles.iter().flatten() {
+        index[*v as usize] = 0;
+    }
+    let mut out = Vec::new();
+    for (v, i) in index.iter_mut().enumerate() {
+        if *i == 0 {
+            *i = out.len() as u32;
+            out.push(vertices[v]);
+        }
+    }
+    TriMesh {
+        vertices: out,
+        triangles: triangles
+            .iter()
+            .map(|t| t.map(|v| index[v as usize]))
+            .collect(),
+    }
+}
+
+/// Joins equal corners of loose triangles into shared vertices; triangles with two equal corners are dropped.
+pub(crate) fn weld(corners: &[[Vec3; 3]]) -> TriMesh {
+    let mut index: FxHashMap<[u64; 3], u32> = FxHashMap::default();
+    let mut mesh = TriMesh::default();
+    for triangle in corners {
+        let t = triangle.map(|p| {
+            // Adding zero makes -0 and +0 the same key.
+            let key = [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits());
+            *index.entry(key).or_insert_with(|| {
+                mesh.vertices.push(p);
+                mesh.vertices.len() as u32 - 1
+            })
+        });
+        if t[0] != t[1] && t[1] != t[2] && t[2] != t[0] {
+            mesh.triangles.push(t);
+        }
+    }
+    mesh
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    pub(crate) fn tetrahedron() -> TriMesh {
+        TriMesh {
+            vertices: vec![
+                Vec3::zeros(),
+                Vec3::x() * 10.0,
+                Vec3::y() * 10.0,
+                Vec3::z() * 10.0,
+            ],
+            triangles: vec![[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]],
+        }
+    }
+
+    fn refusal(mesh: TriMesh) -> String {
+        ClosedSurface::new(mesh, "jaw.stl").unwrap_err().to_string()
+    }
+
+    #[test]
+    fn closed_surface_passes_and_inside_out_is_turned() {
+        let good = ClosedSurface::new(tetrahedron(), "jaw").unwrap();
+        assert!(good.notes.is_empty());
+        let mut flipped = tetrahedron();
+        flipped.triangles.iter_mut().for_each(|t| t.swap(0, 1));
+        let mended = ClosedSurface::new(flipped, "jaw").unwrap();
+        assert!(mended.mesh.volume() > 0.0 && mended.notes.len() == 1);
+    }
+
+    #[test]
+    fn each_fault_is_named_with_its_place() {
+        let mut open = tetrahedron();
+        open.triangles.pop();
+        assert_eq!(
+            refusal(open),
+            "jaw.stl is an open surface: 3 border edges, the first near (5.0, 0.0, 0.0); close the holes"
+        );
+        let mut crooked = tetrahedron();
+        crooked.triangles[0].swap(0, 1);
+        assert!(refusal(crooked).contains("3 edges whose two triangles face opposite ways"));
+        let mut doubled = tetrahedron();
+        doubled.triangles.push([0, 2, 1]);
+        assert!(refusal(doubled).contains("not manifold: 3 edges"));
+        let mut holed = tetrahedron();
+        holed.vertices[2].y = f64::NAN;
+        assert!(refusal(holed).contains("vertex 2 has a coordinate that is not a finite number"));
+        assert!(refusal(TriMesh::default()).contains("no triangles"));
+        let mut tiny = tetrahedron();
+        tiny.vertices.iter_mut().for_each(|v| *v *= 1e-3);
+        assert!(refusal(tiny).contains("encloses no volume"));
+    }
+
+    #[test]
+    fn crumbs_are_dropped_with_a_note() {
+        let mut mesh = tetrahedron();
+        let crumb = tetrahedron();
+        let n = mesh.vertices.len() as u32;
+        mesh.vertices
+            .extend(crumb.vertices.iter().map(|v| (v * 0.2).add_scalar(50.0)));
+        mesh.triangles
+            .extend(crumb.triangles.iter().map(|t| t.map(|v| v + n)));
+        let kept = ClosedSurface::new(mesh, "jaw").unwrap();
+        assert_eq!(kept.mesh, tetrahedron());
+        assert_eq!(kept.notes, ["jaw: kept the largest of 2 pieces"]);
+    }
+}

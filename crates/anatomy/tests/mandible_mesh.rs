@@ -1,0 +1,52 @@
+//! Validation: the mesher on the parametric mandible.
+//!
+//! Asked for: node count within 5 %, volume within 5 % at 600 nodes and 1 % at 5,000, no dihedral angle below 8 degrees, no
+//! inverted tetrahedron (`TetMesh` refuses those), one piece without handles, and nodes near the surface.
+use osteotome_anatomy::{Parameters, ParametricMandible, mesher};
+use osteotome_mechanics::geometry::MeshDistance;
+
+fn check(parameters: Parameters, target: usize, volume_tolerance: f64, surface_tolerance: f64) {
+    let mandible = ParametricMandible::new(parameters).unwrap();
+    let surface = MeshDistance::new(mesher::contour(&mandible, 2.0).unwrap());
+    let body = mesher::Body::of(&surface);
+    let meshed = mesher::mesh_to_nodes(&body, target, &mut |_| {}).unwrap();
+    let mesh = &meshed.mesh;
+    let nodes = mesh.nodes().len() as f64 / target as f64;
+    assert!((nodes - 1.0).abs() < 0.05, "{nodes}");
+    assert!((mesh.volume() / body.volume - 1.0).abs() < volume_tolerance);
+    let [low, high] = mesher::dihedral_range(mesh);
+    assert!(low > 8.0 && high < 165.0, "{low} {high}");
+    assert_eq!(mesher::mesh_genus(mesh), 0);
+    let farthest = mesh
+        .boundary_faces()
+        .iter()
+        .flatten()
+        .map(|n| surface.unsigned(&mesh.nodes()[*n as usize]))
+        .fold(0.0, f64::max);
+    assert!(farthest < surface_tolerance, "{farthest}");
+}
+
+#[test]
+fn at_the_paper_size() {
+    for scale in [0.9, 1.0] {
+        let parameters = Parameters {
+            scale,
+            ..Parameters::default()
+        };
+        check(parameters, 600, 0.05, 1.0);
+    }
+}
+
+#[test]
+fn at_five_thousand_nodes() {
+    check(Parameters::default(), 5_000, 0.01, 0.3);
+}
+
+#[test]
+fn with_a_thin_ramus() {
+    let thin = Parameters {
+        ramus_thickness: 6.0,
+        ..Parameters::default()
+    };
+    check(thin, 600, 0.05, 1.6);
+}

@@ -1,0 +1,173 @@
+use super::fragments::UnionFind;
+use crate::geometry::{
+    Aabb, TetLocator, TetMesh, TriMesh, Vec3, closest_on_triangle, segment_crosses,
+};
+
+/// The state of the crack as mechanics knows it: which mesh edges it has crossed, and where.
+///
+/// It only ever grows, so that sides can never flip.
+#[derive(Clone, Debug)]
+pub struct CutEdges {
+    /// Share of the edge, from its lower node, at which it is crossed; NaN where it is not.
+    crossing: Vec<f64>,
+    /// Node positions for the crossing test: off the mesh only where the crack ran through a node.
+    seat: Vec<Vec3>,
+    seated: Vec<bool>,
+    snap: f64,
+    n_cut: usize,
+}
+
+/// Nodes closer to the crack than this, relative to h, are taken to lie that far on their own side of it.
+///
+/// A crack through a node would leave slivers of volume, which sew it shut (measured: see `validation/` on the DCB).
+const SNAP: f64 = 0.05;
+
+impl CutEdges {
+    /// Nothing is cut yet.
+    pub fn new(mesh: &TetMesh) -> Self {
+        Self {
+            crossing: vec![f64::NAN; mesh.edges().len()],
+            seat: mesh.nodes().to_vec(),
+            seated: vec![false; mesh.nodes().len()],
+            snap: SNAP * mesh.mean_edge_length(),
+            n_cut: 0,
+        }
+    }
+
+    /// Whether edge `e` is cut.
+    pub fn is_cut(&self, e: u32) -> bool {
+        !self.crossing[e as usize].is_nan()
+    }
+
+    /// Where edge `e` is crossed, as a share of its length from its lower node; NaN if it is not.
+    pub fn crossing(&self, e: u32) -> f64 {
+        self.crossing[e as usize]
+    }
+
+    /// How many edges are cut.
+    pub fn len(&self) -> usize {
+        self.n_cut
+    }
+
+    /// Whether no edge is cut.
+    pub fn is_empty(&self) -> bool {
+        self.n_cut == 0
+    }
+
+    /// Position of the crossing on edge `e`.
+    pub fn crossing_point(&self, mesh: &TetMesh, e: u32) -> Vec3 {
+        let [a, b] = mesh.edges()[e as usize].map(|n| mesh.nodes()[n as usize]);
+        a + (b - a) * self.crossing[e as usize]
+    }
+
+    /// Cuts every edge that a triangle of `sheet` crosses; returns those newly cut, ascending.
+    ///
+    /// Cuts that would only crumble a chip smaller than `chip_nodes` nodes off the body are not made.
+    pub fn cut(
+        &mut self,
+        mesh: &TetMesh,
+        locator: &TetLocator,
+        sheet: &TriMesh,
+        chip_nodes: usize,
+    ) -> Vec<u32> {
+        self.seat_nodes(mesh, locator, sheet);
+        let mut fresh: Vec<(u32, f64)> = Vec::new();
+        for t in 0..sheet.triangles.len() {
+            let triangle = sheet.corners(t);
+            let query = Aabb::around(&triangle).grown(2.0 * self.snap);
+            locator.tets_near(&query, |tet| {
+                for &e in &mesh.tet_edges()[tet as usize] {
+                    if !self.is_cut(e) {
+                        let [a, b] = mesh.edges()[e as usize].map(|n| &self.seat[n as usize]);
+                        fresh.extend(segment_crosses(a, b, &triangle).map(|s| (e, s)));
+                    }
+                }
+            });
+        }
+        fresh.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        fresh.dedup_by_key(|f| f.0);
+        self.commit(mesh, fresh, chip_nodes)
+    }
+
+    /// Cuts the given edges at their middle; returns those newly cut.
+    pub fn cut_at_middle(&mut self, mesh: &TetMesh, edges: &[u32], chip_nodes: usize) -> Vec<u32> {
+        let mut fresh: Vec<_> = edges
+            .iter()
+            .filter(|&&e| !self.is_cut(e))
+            .map(|&e| (e, 0.5))
+            .collect();
+        fresh.sort_by_key(|f| f.0);
+        fresh.dedup_by_key(|f| f.0);
+        self.commit(mesh, fresh, chip_nodes)
+    }
+
+    fn seat_nodes(&mut self, mesh: &TetMesh, locator: &TetLocator, sheet: &TriMesh) {
+        let mut nearest: Vec<(u32, f64, Vec3)> = Vec::new();
+        for t in 0..sheet.triangles.len() {
+            let triangle = sheet.corners(t);
+            let Some(normal) = sheet.area_normal(t).try_normalize(1e-12) else {
+                continue;
+            };
+            locator.tets_near(&Aabb::around(&triangle).grown(self.snap), |tet| {
+                for &n in &mesh.tets()[tet as usize] {
+                    let p = &mesh.nodes()[n as usize];
+                    let w = closest_on_triangle(p, &triangle);
+                    let offset = p - (0..3).map(|k| triangle[k] * w[k]).sum::<Vec3>();
+                    if !self.seated[n as usize] && offset.norm() < self.snap {
+                        let side = if offset.dot(&normal) < 0.0 { -1.0 } else { 1.0 };
+                        let seat = p + normal * (side * self.snap - offset.dot(&normal));
+                        nearest.push((n, offset.norm(), seat));
+                    }
+                }
+            });
+        }
+        nearest.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        for (n, _, seat) in nearest {
+            if !std::mem::replace(&mut self.seated[n as usize], true) {
+                self.seat[n as usize] = seat;
+            }
+        }
+    }
+
+    /// Makes the cuts, except those round a chip.
+    fn commit(
+        &mut self,
+        mesh: &TetMesh,
+        mut fresh: Vec<(u32, f64)>,
+        chip_nodes: usize,
+    ) -> Vec<u32> {
+        for &(e, s) in &fresh {
+            self.crossing[e as usize] = s.clamp(SNAP, 1.0 - SNAP);
+        }
+        loop {
+            let mut parts = self.components(mesh);
+            let mut size = vec![0usize; mesh.nodes().len()];
+            (0..mesh.nodes().len()).for_each(|i| size[parts.find(i)] += 1);
+            let before = fresh.len();
+            fresh.retain(|&(e, _)| {
+                let [a, b] = mesh.edges()[e as usize].map(|n| parts.find(n as usize));
+                let crumbles = a != b && size[a].min(size[b]) < chip_nodes;
+                if crumbles {
+                    self.crossing[e as usize] = f64::NAN;
+                }
+                !crumbles
+            });
+            if fresh.len() == before {
+                break;
+            }
+        }
+        self.n_cut += fresh.len();
+        fresh.into_iter().map(|(e, _)| e).collect()
+    }
+
+    /// Nodes joined by uncut edges.
+    pub fn components(&self, mesh: &TetMesh) -> UnionFind {
+        let mut parts = UnionFind::new(mesh.nodes().len());
+        for (e, [a, b]) in mesh.edges().iter().enumerate() {
+            if self.crossing[e].is_nan() {
+                parts.join(*a as usize, *b as usize);
+            }
+        }
+        parts
+    }
+}
