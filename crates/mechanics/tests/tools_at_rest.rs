@@ -136,8 +136,8 @@ fn wild_hands_never_make_it_diverge() {
                 "step {step}: {before} to {after}"
             );
             assert!(result.residual.iter().all(|r| r.is_finite()));
-            for t in 0..2 {
-                let way = rig.state.poses[t].translation.vector - devices[t].translation.vector;
+            for (t, (tool, device)) in rig.state.poses.iter().zip(&devices).enumerate() {
+                let way = tool.translation.vector - device.translation.vector;
                 assert!(
                     way.norm() < 40.0,
                     "step {step}: tool {t} is {} mm off",

@@ -50,8 +50,6 @@ pub struct Candidates {
 const SLICES: usize = 5;
 /// Rounding of f32 at the coordinates of a head \[mm\].
 const ROUNDING: f32 = 1e-3;
-/// How far the interpolated distance may lie below the true one \[mm\]: the spacing of the grids in use.
-const FIELD_ERROR: f32 = 0.5;
 
 impl Candidates {
     /// Room for `n_cells` near cells; more are left out.
@@ -195,7 +193,8 @@ fn ball_is_away(shape: &RigidShape, centre: [f32; 3], radius: f32) -> bool {
         centre[k] + radius < shape.bounds.min[k] as f32 - ROUNDING
             || centre[k] - radius > shape.bounds.max[k] as f32 + ROUNDING
     });
-    let away = |s: DistanceSample| s.distance > radius + FIELD_ERROR;
+    // The distance to a convex body is convex, so that interpolation only ever adds to it, and only here does it mislead.
+    let away = |s: DistanceSample| s.distance > radius + shape.field.error_bound();
     beside || shape.field.look_up(centre).is_some_and(away)
 }
 
@@ -219,8 +218,9 @@ impl CellQuery<'_> {
         let mut n_dropped = 0;
         let mut q = [[0.0f32; BLOCK]; 3];
         transform(self.m, points.weights, &mut q);
-        for k in 0..points.ids.len() {
-            let position = [q[0][k], q[1][k], q[2][k]];
+        let [x, y, z] = &q;
+        let positions = x.iter().zip(y).zip(z).map(|((x, y), z)| [*x, *y, *z]);
+        for (k, position) in positions.enumerate().take(points.ids.len()) {
             let Some(sample) = self.inside(position, &points.normals[k]) else {
                 continue;
             };
@@ -246,10 +246,7 @@ impl CellQuery<'_> {
     fn inside(&self, position: [f32; 3], normal: &[f32; 3]) -> Option<DistanceSample> {
         let plain = self.shape.field.look_up(position)?;
         // NaN is not inside.
-        if !(plain.distance < 0.0) {
-            return None;
-        }
-        Some(self.on_own_side(position, normal).unwrap_or(plain))
+        (plain.distance < 0.0).then(|| self.on_own_side(position, normal).unwrap_or(plain))
     }
 
     /// For a point of a wall that looks at a side of a blade: how deep it is behind that side.

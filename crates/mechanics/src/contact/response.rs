@@ -171,7 +171,7 @@ impl Share {
     fn cling(&mut self, anchor: &Vec3, law: &ContactLaw, spring: f64) {
         self.anchor = *anchor;
         let steepness = self.gradient.norm();
-        if !(steepness > 1e-3) {
+        if steepness < 1e-3 {
             return;
         }
         let normal = self.gradient / steepness;

@@ -40,6 +40,7 @@ pub struct DistanceGrid {
     stride_z: usize,
     values: Vec<f32>,
     bounds: Aabb,
+    error_bound: f32,
 }
 
 impl DistanceGrid {
@@ -73,6 +74,7 @@ impl DistanceGrid {
             stride_z: (cells[0] + 1) * (cells[1] + 1),
             values: fill(&bounds.min, &step, cells, distance)?,
             bounds,
+            error_bound: (0.5 * step.norm()) as f32,
         })
     }
 
@@ -119,6 +121,11 @@ impl DistanceGrid {
     fn pair(&self, first: usize) -> Option<[f32; 2]> {
         let pair = self.values.get(first..first + 2)?;
         Some([pair[0], pair[1]])
+    }
+
+    /// How far interpolation may lie off \[mm\]: half a cell's diagonal, since no distance changes faster than its point moves.
+    pub fn error_bound(&self) -> f32 {
+        self.error_bound
     }
 
     /// Distance from `p` to the grid's box \[mm\]: 0 inside; outside no surface in the grid is nearer.

@@ -287,11 +287,8 @@ impl<'a> Solve<'a> {
             return false;
         }
         let step = self.step(&idle);
-        for t in 0..2 {
+        for t in (0..2).filter(|&t| !idle[t]) {
             let pose = moved(&self.scratch.now[t].pose, &self.motion(&step, t));
-            if idle[t] {
-                continue;
-            }
             if self.has_left(t, &pose) {
                 self.gather(t, &pose);
             }
@@ -355,11 +352,10 @@ impl<'a> Solve<'a> {
         let (mut before, mut after) = (Vector12::zeros(), Vector12::zeros());
         let mut gain = old_pair.energy - new_pair.energy;
         let mut noise = 1e-9;
-        for t in 0..2 {
-            if !tools[t] {
-                p.fixed_rows_mut::<6>(6 * t).fill(0.0);
-                continue;
-            }
+        for t in (0..2).filter(|&t| !tools[t]) {
+            p.fixed_rows_mut::<6>(6 * t).fill(0.0);
+        }
+        for t in (0..2).filter(|&t| tools[t]) {
             let (now, trial) = (&self.scratch.now[t], &self.scratch.trial[t]);
             let friction = now.response.friction + trial.response.friction;
             let work = 0.5 * friction.to_vector().dot(&self.motion(step, t));
