@@ -21,7 +21,10 @@ pub fn push_walls(body: &Body, sheet: &Sheet, first: usize, points: &mut Vec<She
             let half_width: f64 = (0..3).map(|c| kerf[c] * w[c]).sum();
             for side in [1.0, -1.0] {
                 let p = middle + normal * (side * half_width);
-                let Some((tet, weights)) = body.locator.find(&body.mesh, &p) else {
+                if body.region.0.signed(&p) > 0.0 {
+                    continue;
+                }
+                let Some((tet, weights)) = body.embed(&p) else {
                     continue;
                 };
                 points.push(ShellPoint {

@@ -11,8 +11,8 @@ use osteotome_mechanics::bone::Supports;
 use osteotome_mechanics::contact::{PointOrigin, ShellPoint};
 use osteotome_mechanics::crack::growth::GrowthLengths;
 use osteotome_mechanics::crack::{CrackSurface, LinePoint, Sheet};
-use osteotome_mechanics::geometry::{TetLocator, TetMesh, Vec3};
-use osteotome_mechanics::step::{Body, Bone};
+use osteotome_mechanics::geometry::{MeshDistance, TetLocator, TetMesh, Vec3};
+use osteotome_mechanics::step::{Body, Bone, Region};
 use std::sync::Arc;
 
 /// All that a session starts from.
@@ -151,18 +151,20 @@ fn body(s: &Scenario, patient: &Patient) -> Body {
     let supports = held(&patient.condyles);
     let ends = patient.condyles.map(|c| held(&[c]).fixed);
     let h = element_size(&mesh, &patient.osteotomy);
-    let surface = shell_points(&patient.shell, &mesh, &locator, h);
     let area: f64 = patient.shell.iter().map(|p| p.area).sum();
-    Body {
+    let mut body = Body {
         wall_density: patient.shell.len() as f64 / area,
+        region: Region(Arc::new(MeshDistance::new(patient.surface.clone()))),
         lengths: GrowthLengths::for_element_size(h),
         materials: patient.materials.clone(),
-        surface,
+        surface: Vec::new(),
         supports,
         ends,
         locator,
         mesh,
-    }
+    };
+    body.surface = shell_points(&patient.shell, &body);
+    body
 }
 
 /// Mean edge length near the line; of the whole mesh where none is near \[mm\].
@@ -188,26 +190,12 @@ fn element_size(mesh: &TetMesh, osteotomy: &Osteotomy) -> f64 {
     }
 }
 
-/// Embeds the surface in the mesh. A coarse mesh cuts corners: a point outside goes to the nearest place of the tetrahedron
-/// it sticks out of least, because a cell's bounding volume holds only what lies inside it.
-fn shell_points(
-    shell: &[SurfacePoint],
-    mesh: &TetMesh,
-    locator: &TetLocator,
-    h: f64,
-) -> Vec<ShellPoint> {
+/// Embeds the surface in the mesh.
+fn shell_points(shell: &[SurfacePoint], body: &Body) -> Vec<ShellPoint> {
     let embed = |p: &SurfacePoint| {
-        let found = [0.5, 1.0, 2.0]
-            .into_iter()
-            .find_map(|reach| locator.find_near(mesh, &p.position, reach * h));
-        let (tet, weights) = found?;
-        let inside = weights.map(|w| w.max(0.0));
-        let sum: f64 = inside.iter().sum();
-        let weights = inside.map(|w| w / sum);
-        let corners = mesh.corners(tet as usize);
-        let position = (0..4).map(|k| corners[k] * weights[k]).sum();
+        let (tet, weights) = body.embed(&p.position)?;
         Some(ShellPoint {
-            position,
+            position: p.position,
             tet,
             weights: weights.map(|w| w as f32),
             area: p.area as f32,
