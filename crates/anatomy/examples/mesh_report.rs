@@ -53,13 +53,15 @@ fn main() -> Result<(), osteotome_anatomy::AnatomyError> {
         let seconds = start.elapsed().as_secs_f64();
         let [low, high] = mesher::dihedral_range(&meshed.mesh);
         println!(
-            "target {target}: {} nodes, {} tets, dihedral {low:.1} to {high:.1} deg, volume {:+.3} %, genus {}, spacing {:.2} mm, shift {:.3} mm, {seconds:.2} s",
+            "target {target}: {} nodes, {} tets, dihedral {low:.1} to {high:.1} deg, volume {:+.3} %, genus {}, spacing {:.2} mm, shift {:.2} mm, swollen {:.2} mm, farthest {:.2} mm, {seconds:.2} s",
             meshed.mesh.nodes().len(),
             meshed.mesh.tets().len(),
             meshed.volume_error * 100.0,
             mesher::mesh_genus(&meshed.mesh),
             meshed.stuffing.spacing,
             meshed.stuffing.shift,
+            meshed.swollen,
+            meshed.farthest,
         );
     }
     Ok(())

@@ -544,10 +544,8 @@ mod tests {
             "lingula to lower border {height}"
         );
         let notch = marks.right.sigmoid_notch;
-        let height = notch.z
-            - cast(&surface, &(notch - Vec3::z() * 80.0), &Vec3::z())
-                .unwrap()
-                .z;
+        let under = Vec3::new(marks.right.gonion.x + 1.0, notch.y, -100.0);
+        let height = notch.z - cast(&surface, &under, &Vec3::z()).unwrap().z;
         assert!((41.0..48.0).contains(&height), "ramus height {height}");
     }
 
