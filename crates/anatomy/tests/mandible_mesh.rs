@@ -2,13 +2,14 @@
 //!
 //! Asked for: node count within 5 %, volume within 5 % at 600 nodes and 1 % at 5,000, no dihedral angle below 8 degrees, no
 //! inverted tetrahedron (`TetMesh` refuses those), one piece without handles, and nodes near the surface.
-use osteotome_anatomy::{Parameters, ParametricMandible, mesher};
+use osteotome_anatomy::{JawFrame, Parameters, ParametricMandible, mesher};
 use osteotome_mechanics::geometry::MeshDistance;
 
 fn check(parameters: Parameters, target: usize, volume_tolerance: f64, surface_tolerance: f64) {
     let mandible = ParametricMandible::new(parameters).unwrap();
     let surface = MeshDistance::new(mesher::contour(&mandible, 2.0).unwrap());
-    let body = mesher::Body::of(&surface);
+    let frame = JawFrame::find(surface.mesh(), "jaw").unwrap();
+    let body = mesher::Body::mandible(&surface, &frame);
     let meshed = mesher::mesh_to_nodes(&body, target, &mut |_| {}).unwrap();
     let mesh = &meshed.mesh;
     let nodes = mesh.nodes().len() as f64 / target as f64;
