@@ -99,19 +99,26 @@ fn sorted(mut f: [u32; 3]) -> [u32; 3] {
 /// # Errors
 /// [`AnatomyError::Mesher`] if the lattice would be too large or the region slips through it.
 pub fn stuff(region: &dyn SignedDistance, how: &Stuffing) -> Result<Tets, AnatomyError> {
-    stuff_graded(region, how, &Swelling::none(), &[])
+    stuff_graded(region, how, &Swelling::none(), &Grading::EVEN)
 }
 
 fn stuff_graded(
     region: &dyn SignedDistance,
     how: &Stuffing,
     swelling: &Swelling,
-    lenses: &[Lens],
+    grading: &Grading,
 ) -> Result<Tets, AnatomyError> {
+    let lenses = &grading.lenses;
     let grown = lenses.iter().map(Lens::growth).fold(0.0, f64::max);
     let bounds = region
         .bounds()
         .grown(how.shift.max(0.0) + swelling.most() + grown);
+    let middle = bounds.centre();
+    let half = (bounds.extent() * 0.5).component_div(&grading.grain);
+    let bounds = Aabb {
+        min: middle - half,
+        max: middle + half,
+    };
     let size = Lattice::size_around(&bounds, how.spacing);
     if !(size < MAX_LATTICE) {
         let reason = format!(
@@ -121,8 +128,11 @@ fn stuff_graded(
         return Err(AnatomyError::Mesher { reason });
     }
     let lattice = Lattice::around(&bounds, how.spacing, &how.offset);
-    // The lattice is regular in its own space; lenses map that into the body's.
-    let place = |u: &Vec3| lenses.iter().fold(*u, |p, lens| lens.look(&p));
+    // The lattice is regular in its own space; grain and lenses map that into the body's.
+    let place = |u: &Vec3| {
+        let stretched = middle + (u - middle).component_mul(&grading.grain);
+        lenses.iter().fold(stretched, |p, lens| lens.look(&p))
+    };
     let value = |u: &Vec3| {
         let p = place(u);
         region.signed(&p) - how.shift - swelling.at(&p)
@@ -182,6 +192,23 @@ impl Lens {
     }
 }
 
+/// How a coarse mesh differs from a regular one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grading {
+    /// Spacing along each axis, relative to that asked for; finer across a plate keeps the plate whole.
+    pub grain: Vec3,
+    /// Where the mesh is finer; apart from each other.
+    pub lenses: Vec<Lens>,
+}
+
+impl Grading {
+    /// The same everywhere.
+    pub const EVEN: Self = Self {
+        grain: Vec3::new(1.0, 1.0, 1.0),
+        lenses: Vec::new(),
+    };
+}
+
 /// A body to be meshed, with what its mesh is held against.
 #[derive(Clone)]
 pub struct Body<'a> {
@@ -193,8 +220,8 @@ pub struct Body<'a> {
     pub genus: i64,
     /// Points all over its surface, that the mesh should come near; may be empty.
     pub outposts: Vec<Vec3>,
-    /// Where the mesh is to be finer; apart from each other.
-    pub lenses: Vec<Lens>,
+    /// Applied when the mesh is coarse, with spacings above 4.5 mm.
+    pub grading: Grading,
 }
 
 impl<'a> Body<'a> {
@@ -211,11 +238,11 @@ impl<'a> Body<'a> {
                 .step_by(surface.mesh().vertices.len().div_ceil(MAX_OUTPOSTS))
                 .copied()
                 .collect(),
-            lenses: Vec::new(),
+            grading: Grading::EVEN,
         }
     }
 
-    /// A mandible: the mesh is finer about the condyles and their necks, which a coarse lattice would lose.
+    /// A mandible: a coarse lattice is finer across the rami and about condyles and necks, which it would lose otherwise.
     pub fn mandible(surface: &'a MeshDistance, frame: &JawFrame) -> Self {
         let lens = |condyle: &Vec3, gonion: &Vec3| {
             let down = gonion - condyle;
@@ -223,12 +250,15 @@ impl<'a> Body<'a> {
                 // The upper end of the neck.
                 centre: condyle + down * 0.15,
                 radius: 0.32 * down.norm(),
-                finer: 0.65,
+                finer: 0.8,
             }
         };
         let sides = frame.condyles.iter().zip(&frame.gonions);
         Self {
-            lenses: sides.map(|(c, g)| lens(c, g)).collect(),
+            grading: Grading {
+                grain: Vec3::new(0.75, 1.15, 1.15),
+                lenses: sides.map(|(c, g)| lens(c, g)).collect(),
+            },
             ..Self::of(surface)
         }
     }
@@ -240,7 +270,7 @@ impl<'a> Body<'a> {
 /// shifted outward by what makes the volumes equal. Parts thinner than the lattice (condyle necks, at the paper's size) would
 /// break off: where surface points are left without mesh, the body is swollen a little, as much as it takes and not elsewhere.
 /// Positions of the lattice are tried until one keeps the number of handles, meets the count within 3 %, the volume within .2 %
-/// and leaves no surface point further than 2.5 mm or .35 spacings from the mesh; else the best of all is taken.
+/// and leaves no surface point further than 3 mm or half a spacing from the mesh; else the best of all is taken.
 /// Accuracy: `tests/mandible_mesh.rs`.
 ///
 /// # Errors
@@ -388,11 +418,17 @@ fn cube(n: i64) -> impl Iterator<Item = (i64, i64, i64)> {
 /// Surface points against which a mesh is held, at most.
 const MAX_OUTPOSTS: usize = 4_000;
 /// A lattice is good if no surface point is further from the mesh than this, in spacings and in mm: sharp edges may be blunted.
-const GOOD_REACH: [f64; 2] = [0.35, 2.5];
+const GOOD_REACH: [f64; 2] = [0.5, 3.0];
+/// Spacings above this make a mesh coarse \[mm\]: the rami are 7 to 9 mm thick.
+const COARSE: f64 = 4.5;
+/// A lattice position is given up after so many iterations without gain.
+const PATIENCE: u32 = 5;
+/// Smallest dihedral angle of a good mesh \[degrees\]; below 8 is refused by those who use it.
+const GOOD_DIHEDRAL: f64 = 9.5;
 /// Lattice positions tried at most.
-const MAX_OFFSETS: i32 = 8;
+const MAX_OFFSETS: i32 = 5;
 /// Iterations of spacing, shift and swelling for each of them.
-const MAX_FITS: usize = 16;
+const MAX_FITS: u32 = 16;
 /// Swelling in one iteration and at most, and how far it reaches, in spacings.
 const SWELLING: [f64; 3] = [0.08, 0.2, 0.9];
 
@@ -416,37 +452,38 @@ fn misfit(tets: &Tets, body: &Body, target: usize) -> f64 {
 fn fit(body: &Body, target: usize, mut how: Stuffing) -> Result<Trial, AnatomyError> {
     let mut best: Option<Trial> = None;
     let mut swelling = Swelling::new(&body.distance.bounds(), 0.4 * how.spacing);
-    for _ in 0..MAX_FITS {
-        let tets = stuff_graded(body.distance, &how, &swelling, &body.lenses)?;
+    let grading = if how.spacing > COARSE {
+        &body.grading
+    } else {
+        &Grading::EVEN
+    };
+    let mut since_best = 0;
+    for round in 0..MAX_FITS {
+        let tets = stuff_graded(body.distance, &how, &swelling, grading)?;
         let used = how;
         let nodes = tets.nodes.len() as f64 / target as f64;
         let missing = body.volume - tets.volume();
         let area = surface_area(&tets);
         let boundary = tets.boundary();
         let handles = (genus(&boundary) - body.genus).abs() as f64;
+        // Grain and lenses take some of the lattice's own angles.
+        let flat = f64::from(u8::from(smallest_dihedral(&tets) < GOOD_DIHEDRAL));
         let left_out = distances(&tets, boundary, &body.outposts);
         let farthest = left_out.iter().copied().fold(0.0, f64::max);
         let good = (GOOD_REACH[0] * how.spacing).max(GOOD_REACH[1]);
-        if std::env::var("TRACE").is_ok() {
-            eprintln!(
-                "{} handles {handles} farthest {farthest} missing {} shift {} sw {}",
-                tets.nodes.len(),
-                missing / body.volume,
-                how.shift,
-                swelling.most()
-            );
-        }
         let trial = Trial {
-            cost: handles + (farthest / good).max(misfit(&tets, body, target)),
+            cost: handles + flat + (farthest / good).max(misfit(&tets, body, target)),
             tets,
             how: used,
             farthest,
             swollen: swelling.most(),
         };
+        since_best += 1;
         if best.as_ref().is_none_or(|b| trial.cost < b.cost) {
             best = Some(trial);
+            since_best = 0;
         }
-        if best.as_ref().is_some_and(|b| b.cost < 1.0) {
+        if since_best > PATIENCE || best.as_ref().is_some_and(|b| b.cost < 1.0) {
             break;
         }
         // Only next to what is meshed, so that a lost part grows back from its stump instead of swelling as a whole.
@@ -457,8 +494,9 @@ fn fit(body: &Body, target: usize, mut how: Stuffing) -> Result<Trial, AnatomyEr
             .collect();
         let [step, most, reach] = SWELLING.map(|x| x * how.spacing);
         swelling.raise(&front, step, reach, most);
-        // Thin bodies gain nodes with about the power 2.6 of the resolution.
-        how.spacing *= nodes.powf(1.0 / 2.6).clamp(0.7, 1.4);
+        // Thin bodies gain nodes with about the power 2.6 of the resolution; less and less is made of it, lest it go to and fro.
+        let power = 1.0 / (2.6 + 0.3 * f64::from(round));
+        how.spacing *= nodes.powf(power).clamp(0.8, 1.25);
         how.shift = (how.shift + missing / area).clamp(-0.05 * how.spacing, 0.3 * how.spacing);
     }
     best.ok_or_else(|| AnatomyError::Mesher {
@@ -837,16 +875,29 @@ fn largest_piece(all: &Tets) -> Tets {
 
 /// Smallest and largest dihedral angle of a mesh \[degrees\].
 pub fn dihedral_range(mesh: &TetMesh) -> [f64; 2] {
+    let tets = 0..mesh.tets().len();
+    tets.map(|t| dihedrals(&mesh.corners(t)))
+        .fold([180.0, 0.0], |range, [low, high]| {
+            [range[0].min(low), range[1].max(high)]
+        })
+}
+
+fn smallest_dihedral(tets: &Tets) -> f64 {
+    tets.tets
+        .iter()
+        .map(|t| dihedrals(&t.map(|n| tets.nodes[n as usize]))[0])
+        .fold(180.0, f64::min)
+}
+
+fn dihedrals(x: &[Vec3; 4]) -> [f64; 2] {
+    let normals = TET_FACES.map(|f| (x[f[1]] - x[f[0]]).cross(&(x[f[2]] - x[f[0]])));
     let mut range = [180.0f64, 0.0];
-    for gradients in mesh.gradients() {
-        for i in 0..4 {
-            for k in 0..i {
-                // Gradients are inward normals; the dihedral angle is the supplement of that between them.
-                let (a, b) = (&gradients[i], &gradients[k]);
-                let angle = a.cross(b).norm().atan2(-a.dot(b)).to_degrees();
-                range[0] = range[0].min(angle);
-                range[1] = range[1].max(angle);
-            }
+    for i in 0..4 {
+        for k in 0..i {
+            // The supplement of the angle between the two outward normals.
+            let (a, b) = (&normals[i], &normals[k]);
+            let angle = a.cross(b).norm().atan2(-a.dot(b)).to_degrees();
+            range = [range[0].min(angle), range[1].max(angle)];
         }
     }
     range
@@ -982,7 +1033,7 @@ mod tests {
             volume: exact,
             genus: 1,
             outposts: Vec::new(),
-            lenses: Vec::new(),
+            grading: Grading::EVEN,
         };
         for target in [300, 1_500, 6_000] {
             let meshed = mesh_to_nodes(&body, target, &mut |_| {}).unwrap();
