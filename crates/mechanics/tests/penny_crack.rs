@@ -104,7 +104,7 @@ fn stations(alpha: f64) -> (Vec<Station>, f64) {
         x: &x,
         loads: &[],
     };
-    (evaluate(&fields, &sheet, &front, h), h)
+    (evaluate(&fields, &sheet, &front, h, 0.0), h)
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> f64 {

@@ -1,2 +1,15 @@
 //! The program `osteotome`.
-fn main() {}
+mod cli;
+mod commands;
+mod engine;
+mod input;
+mod loops;
+mod scenario;
+mod session;
+mod surgeon;
+mod talk;
+mod verify;
+
+fn main() -> std::process::ExitCode {
+    cli::main()
+}

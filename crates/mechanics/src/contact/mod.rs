@@ -1,4 +1,5 @@
 //! Rigid shapes against the deformed bone and each other: who touches, and what force follows (paper 3.2, 4.1, 4.2).
+mod boundary_points;
 mod bounding_volumes;
 mod friction;
 mod point_shell;
@@ -8,6 +9,7 @@ mod rigid_shape;
 mod shape_pair;
 mod wrench;
 
+pub use boundary_points::boundary_points;
 pub use bounding_volumes::BoundingVolumes;
 pub use friction::Anchors;
 pub use point_shell::{PointOrigin, PointShell, ShellPoint};

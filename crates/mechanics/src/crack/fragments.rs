@@ -44,9 +44,10 @@ impl Fragments {
     pub fn find(mesh: &TetMesh, cuts: &CutEdges) -> Self {
         let mut parts = cuts.components(mesh);
         let mut share = vec![0.0; mesh.nodes().len()];
+        let total = mesh.volume();
         for (tet, volume) in mesh.tets().iter().zip(mesh.volumes()) {
             tet.iter()
-                .for_each(|&n| share[parts.find(n as usize)] += 0.25 * volume / mesh.volume());
+                .for_each(|&n| share[parts.find(n as usize)] += 0.25 * volume / total);
         }
         let mut roots: Vec<usize> = (0..share.len()).filter(|&i| parts.find(i) == i).collect();
         roots.sort_by(|&a, &b| share[b].total_cmp(&share[a]).then(a.cmp(&b)));

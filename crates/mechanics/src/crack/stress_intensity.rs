@@ -77,13 +77,23 @@ impl Station {
 
 /// Evaluates G and K at each vertex of a front.
 ///
-/// `h`: element size near the front \[mm\].
-pub fn evaluate(fields: &Fields, sheet: &Sheet, front: &Front, h: f64) -> Vec<Station> {
+/// `h`: element size near the front \[mm\]. K is computed where G exceeds `k_from` times the least toughness, and zero
+/// elsewhere. Accuracy: `tests/penny_crack.rs`.
+pub fn evaluate(
+    fields: &Fields,
+    sheet: &Sheet,
+    front: &Front,
+    h: f64,
+    k_from: f64,
+) -> Vec<Station> {
     let line = FrontLine::new(sheet, front, h);
     let near = line.nearby_nodes(fields, PLATEAU[1] * h);
     let inside = line.inside_share(fields, HAT * h);
     let tets = tets_of(fields.mesh, &near);
-    let states: Vec<CellState> = tets.iter().flat_map(|&t| cell_states(fields, t)).collect();
+    let states: Vec<CellState> = tets
+        .iter()
+        .flat_map(|&t| cell_states(fields, &near, t))
+        .collect();
     let forces = configurational_forces(fields, &states, &near);
     line.points
         .iter()
@@ -94,7 +104,7 @@ pub fn evaluate(fields: &Fields, sheet: &Sheet, front: &Front, h: f64) -> Vec<St
                 .iter()
                 .map(|n| line.advance_at(n.s) * (plateau(n.r, h) * hat(n.s)))
                 .collect();
-            let material = mean_material(fields, &states, &near, &extension);
+            let material = mean_material(fields, &states, &extension);
             let mut station = Station {
                 position: *p,
                 advance: line.advance[k],
@@ -112,6 +122,10 @@ pub fn evaluate(fields: &Fields, sheet: &Sheet, front: &Front, h: f64) -> Vec<St
                     .map(|(q, c)| q.dot(c))
                     .sum::<f64>()
                     / length;
+            }
+            if length > 0.0
+                && station.g > k_from * material.toughness_along.min(material.toughness_across)
+            {
                 station.k = interaction(
                     fields,
                     &states,
@@ -347,6 +361,8 @@ fn tets_of(mesh: &TetMesh, near: &[NearNode]) -> Vec<u32> {
 /// The fields of one cell: constant in a linear tetrahedron.
 struct CellState {
     tet: u32,
+    /// Where the four nodes are in the list of nearby nodes.
+    places: [Option<u32>; 4],
     volume: f64,
     centre: Vec3,
     /// Mean of the nodes on the cell's own side minus the tetrahedron's centre: which side of the crack this is.
@@ -355,7 +371,17 @@ struct CellState {
     stress: Matrix3<f64>,
 }
 
-fn cell_states<'a>(fields: &'a Fields, t: u32) -> impl Iterator<Item = CellState> + 'a {
+fn cell_states<'a>(
+    fields: &'a Fields,
+    near: &[NearNode],
+    t: u32,
+) -> impl Iterator<Item = CellState> + use<'a> {
+    let place = |n: u32| {
+        near.binary_search_by_key(&n, |x| x.node)
+            .ok()
+            .map(|p| p as u32)
+    };
+    let places = fields.mesh.tets()[t as usize].map(place);
     let corners = fields.mesh.corners(t as usize);
     let middle: Vec3 = corners.iter().sum::<Vec3>() / 4.0;
     let divided = fields.topology.is_divided(t);
@@ -372,6 +398,7 @@ fn cell_states<'a>(fields: &'a Fields, t: u32) -> impl Iterator<Item = CellState
             / f64::from(cell.mask.count_ones());
         CellState {
             tet: t,
+            places,
             volume: fields.mesh.volumes()[t as usize] * cell.fraction,
             centre: if divided {
                 (middle + own) * 0.5
@@ -385,36 +412,23 @@ fn cell_states<'a>(fields: &'a Fields, t: u32) -> impl Iterator<Item = CellState
     })
 }
 
-/// Nodal sums of V M grad N_a, `nodal(state, a)` telling where node a of the state's tetrahedron is in the list.
-fn sum_on_nodes(
-    fields: &Fields,
-    near: &[NearNode],
-    contributions: impl Iterator<Item = (u32, Matrix3<f64>)>,
-) -> Vec<Vec3> {
-    let mut c = vec![Vec3::zeros(); near.len()];
-    for (t, m) in contributions {
-        let gradients = &fields.mesh.gradients()[t as usize];
-        for (k, n) in fields.mesh.tets()[t as usize].iter().enumerate() {
-            if let Ok(p) = near.binary_search_by_key(n, |x| x.node) {
-                c[p] += m * gradients[k];
-            }
+/// Adds V M grad N_a to the list of nearby nodes.
+fn add_on_nodes(fields: &Fields, state: &CellState, m: &Matrix3<f64>, sum: &mut [Vec3]) {
+    let gradients = &fields.mesh.gradients()[state.tet as usize];
+    for (place, gradient) in state.places.iter().zip(gradients) {
+        if let Some(p) = place {
+            sum[*p as usize] += m * gradient * state.volume;
         }
     }
-    c
 }
 
 fn configurational_forces(fields: &Fields, states: &[CellState], near: &[NearNode]) -> Vec<Vec3> {
-    let mut c = sum_on_nodes(
-        fields,
-        near,
-        states.iter().map(|s| {
-            let w = stiffness::energy_density(&s.stress, &s.grad_u);
-            (
-                s.tet,
-                (s.grad_u.transpose() * s.stress - Matrix3::from_diagonal_element(w)) * s.volume,
-            )
-        }),
-    );
+    let mut c = vec![Vec3::zeros(); near.len()];
+    for s in states {
+        let w = stiffness::energy_density(&s.stress, &s.grad_u);
+        let m = s.grad_u.transpose() * s.stress - Matrix3::from_diagonal_element(w);
+        add_on_nodes(fields, s, &m, &mut c);
+    }
     // Loads inside the domain: - int t . (grad u q).
     for_loads(fields, near, |p, weight, grad_u, force| {
         c[p] -= grad_u.transpose() * force * weight
@@ -450,22 +464,19 @@ fn for_loads(
 
 /// Material near a station: mean over its domain, weighted by volume and extension. Osteons have no sense, so their
 /// directions are summed towards the first one met.
-fn mean_material(
-    fields: &Fields,
-    states: &[CellState],
-    near: &[NearNode],
-    extension: &[Vec3],
-) -> TetMaterial {
+fn mean_material(fields: &Fields, states: &[CellState], extension: &[Vec3]) -> TetMaterial {
     let (mut total, mut sum) = (0.0, [0.0; 4]);
     let mut osteon = Vec3::zeros();
     for s in states {
-        let place = |n: &u32| near.binary_search_by_key(n, |x| x.node).ok();
-        let nodes = &fields.mesh.tets()[s.tet as usize];
-        let reach: f64 = nodes
+        let reach: f64 = s
+            .places
             .iter()
-            .filter_map(place)
-            .map(|p| extension[p].norm())
+            .flatten()
+            .map(|p| extension[*p as usize].norm())
             .sum();
+        if reach == 0.0 {
+            continue;
+        }
         let m = &fields.materials[s.tet as usize];
         let weight = s.volume * reach;
         total += weight;
@@ -515,127 +526,111 @@ fn interaction(
     length: f64,
 ) -> StressIntensity {
     let frame = station.frame();
-    let is_in = |t: u32| {
-        let place = |n: &u32| near.binary_search_by_key(n, |x| x.node).ok();
-        fields.mesh.tets()[t as usize]
-            .iter()
-            .filter_map(place)
-            .any(|p| extension[p] != Vec3::zeros())
-    };
-    let domain: Vec<&CellState> = states.iter().filter(|s| is_in(s.tet)).collect();
-    let value = |mode: usize| {
-        let auxiliary = |centre: &Vec3, side: Option<Vec3>| {
-            let mut p = frame.transpose() * (centre - station.position);
-            if let Some(side) = side {
-                // On a curved crack the side comes from the topology, not from the straight frame.
-                p.y = p.y.abs().max(1e-6)
-                    * if side.dot(&station.normal) < 0.0 {
-                        -1.0
-                    } else {
-                        1.0
-                    };
-            }
-            frame * auxiliary_gradient(mode, p.x, p.y, lame) * frame.transpose()
-        };
-        let mut c = sum_on_nodes(
-            fields,
-            near,
-            domain.iter().map(|s| {
-                let aux = auxiliary(&s.centre, s.side);
-                let aux_stress = stiffness::stress(lame, &aux);
-                let mutual = s.stress.dot(&aux);
-                let m = aux.transpose() * s.stress + s.grad_u.transpose() * aux_stress;
-                (
-                    s.tet,
-                    (m - Matrix3::from_diagonal_element(mutual)) * s.volume,
-                )
-            }),
-        );
-        for load in fields.loads {
-            let cell = &fields.topology.cells()[load.cell as usize];
-            let corners = fields.mesh.corners(cell.tet as usize);
-            let nodes = &fields.mesh.tets()[cell.tet as usize];
-            let point: Vec3 = (0..4).map(|k| corners[k] * load.weights[k]).sum();
-            let own = (0..4)
-                .filter(|k| cell.mask >> k & 1 == 1)
-                .map(|k| corners[k])
-                .sum::<Vec3>()
-                / f64::from(cell.mask.count_ones());
-            let side = (cell.mask != 0b1111).then(|| own - corners.iter().sum::<Vec3>() / 4.0);
-            for (k, n) in nodes.iter().enumerate() {
-                if let Ok(p) = near.binary_search_by_key(n, |x| x.node)
-                    && extension[p] != Vec3::zeros()
-                {
-                    c[p] -= auxiliary(&point, side).transpose() * load.force * load.weights[k];
-                }
-            }
+    let auxiliary = |centre: &Vec3, side: Option<Vec3>| {
+        let mut p = frame.transpose() * (centre - station.position);
+        if let Some(side) = side {
+            // On a curved crack the side comes from the topology, not from the straight frame.
+            p.y = p.y.abs().max(1e-6)
+                * if side.dot(&station.normal) < 0.0 {
+                    -1.0
+                } else {
+                    1.0
+                };
         }
-        extension.iter().zip(&c).map(|(q, c)| q.dot(c)).sum::<f64>() / length
+        auxiliary_gradients(p.x, p.y, lame).map(|g| frame * g * frame.transpose())
     };
+    let mut sums = [0.0; 3];
+    for s in states {
+        let moved = |k: usize| s.places[k].map_or_else(Vec3::zeros, |p| extension[p as usize]);
+        let grad_q = stiffness::displacement_gradient(
+            &fields.mesh.gradients()[s.tet as usize],
+            &[0, 1, 2, 3].map(moved),
+        );
+        if grad_q == Matrix3::zeros() {
+            continue;
+        }
+        for (sum, aux) in sums.iter_mut().zip(auxiliary(&s.centre, s.side)) {
+            let aux_stress = stiffness::stress(lame, &aux);
+            let m = aux.transpose() * s.stress + s.grad_u.transpose() * aux_stress;
+            *sum += s.volume * (m.dot(&grad_q) - s.stress.dot(&aux) * grad_q.trace());
+        }
+    }
+    for load in fields.loads {
+        let cell = &fields.topology.cells()[load.cell as usize];
+        let corners = fields.mesh.corners(cell.tet as usize);
+        let q: Vec3 = (0..4)
+            .filter_map(|k| {
+                let place = near
+                    .binary_search_by_key(&fields.mesh.tets()[cell.tet as usize][k], |x| x.node)
+                    .ok()?;
+                Some(extension[place] * load.weights[k])
+            })
+            .sum();
+        if q == Vec3::zeros() {
+            continue;
+        }
+        let point: Vec3 = (0..4).map(|k| corners[k] * load.weights[k]).sum();
+        let own = (0..4)
+            .filter(|k| cell.mask >> k & 1 == 1)
+            .map(|k| corners[k])
+            .sum::<Vec3>()
+            / f64::from(cell.mask.count_ones());
+        let side = (cell.mask != 0b1111).then(|| own - corners.iter().sum::<Vec3>() / 4.0);
+        for (sum, aux) in sums.iter_mut().zip(auxiliary(&point, side)) {
+            *sum -= load.force.dot(&(aux * q));
+        }
+    }
     let (e, mu) = (station.material.plane_strain_modulus(), lame.mu);
+    let [i1, i2, i3] = sums.map(|v| v / length);
     StressIntensity {
-        k1: 0.5 * e * value(0),
-        k2: 0.5 * e * value(1),
-        k3: mu * value(2),
+        k1: 0.5 * e * i1,
+        k2: 0.5 * e * i2,
+        k3: mu * i3,
     }
 }
 
-/// Displacement gradient of the Williams field of unit K of a mode at (x, y) in the frame of a straight front, plane strain.
-fn auxiliary_gradient(mode: usize, x: f64, y: f64, lame: &Lame) -> Matrix3<f64> {
+/// Displacement gradients of the Williams fields of unit K_I, K_II, K_III at (x, y) in the frame of a straight front, plane
+/// strain.
+fn auxiliary_gradients(x: f64, y: f64, lame: &Lame) -> [Matrix3<f64>; 3] {
     let r = x.hypot(y).max(1e-9);
     let theta = y.atan2(x);
     let nu = lame.lambda / (2.0 * (lame.lambda + lame.mu));
     let kappa = 3.0 - 4.0 * nu;
     let (s, c) = (0.5 * theta).sin_cos();
     let (sin, cos) = theta.sin_cos();
-    let scale = (r / (2.0 * std::f64::consts::PI)).sqrt();
-    // Each displacement is scale * factor * f(theta); (f, df/dtheta):
-    let component = |factor: f64, f: f64, df: f64| {
-        let (radial, angular) = (0.5 * f, df);
-        let v = factor * scale / r;
+    let scale = 1.0 / (2.0 * std::f64::consts::PI * r).sqrt();
+    // A displacement sqrt(r / 2 pi) factor f(theta), given f and df/dtheta, has this gradient:
+    let gradient = |factor: f64, f: f64, df: f64| {
+        let v = factor * scale;
         [
-            v * (cos * radial - sin * angular),
-            v * (sin * radial + cos * angular),
+            v * (0.5 * cos * f - sin * df),
+            v * (0.5 * sin * f + cos * df),
         ]
     };
     let plane = 0.5 / lame.mu;
-    let mut g = Matrix3::zeros();
-    let mut set = |row: usize, [gx, gy]: [f64; 2]| {
-        g[(row, 0)] = gx;
-        g[(row, 1)] = gy;
-    };
-    match mode {
-        0 => {
-            set(
-                0,
-                component(plane, c * (kappa - cos), -0.5 * s * (kappa - cos) + c * sin),
-            );
-            set(
-                1,
-                component(plane, s * (kappa - cos), 0.5 * c * (kappa - cos) + s * sin),
-            );
-        }
-        1 => {
-            set(
-                0,
-                component(
-                    plane,
-                    s * (kappa + 2.0 + cos),
-                    0.5 * c * (kappa + 2.0 + cos) - s * sin,
-                ),
-            );
-            set(
-                1,
-                component(
-                    plane,
-                    -c * (kappa - 2.0 + cos),
-                    0.5 * s * (kappa - 2.0 + cos) + c * sin,
-                ),
-            );
-        }
-        _ => set(2, component(2.0 / lame.mu, s, 0.5 * c)),
-    }
-    g
+    let rows = |rows: [[f64; 2]; 3]| Matrix3::from_fn(|i, j| if j < 2 { rows[i][j] } else { 0.0 });
+    let none = [0.0; 2];
+    [
+        rows([
+            gradient(plane, c * (kappa - cos), -0.5 * s * (kappa - cos) + c * sin),
+            gradient(plane, s * (kappa - cos), 0.5 * c * (kappa - cos) + s * sin),
+            none,
+        ]),
+        rows([
+            gradient(
+                plane,
+                s * (kappa + 2.0 + cos),
+                0.5 * c * (kappa + 2.0 + cos) - s * sin,
+            ),
+            gradient(
+                plane,
+                -c * (kappa - 2.0 + cos),
+                0.5 * s * (kappa - 2.0 + cos) + c * sin,
+            ),
+            none,
+        ]),
+        rows([none, none, gradient(2.0 / lame.mu, s, 0.5 * c)]),
+    ]
 }
 
 #[cfg(test)]
@@ -646,8 +641,9 @@ mod tests {
     #[test]
     fn auxiliary_fields_are_in_equilibrium() {
         let lame = TetMaterial::isotropic(1000.0, 0.3, 1.0).lame();
-        let stress =
-            |mode, x: f64, y: f64| stiffness::stress(&lame, &auxiliary_gradient(mode, x, y, &lame));
+        let stress = |mode, x: f64, y: f64| {
+            stiffness::stress(&lame, &auxiliary_gradients(x, y, &lame)[mode])
+        };
         let d = 1e-5;
         for mode in 0..3 {
             for (x, y) in [(0.7, 0.4), (-0.3, 0.8), (-0.5, -0.2), (0.1, -0.9)] {
@@ -671,7 +667,7 @@ mod tests {
     fn auxiliary_fields_have_unit_intensity() {
         let lame = TetMaterial::isotropic(1000.0, 0.3, 1.0).lame();
         for (mode, component) in [(0, (1, 1)), (1, (0, 1)), (2, (2, 1))] {
-            let s = stiffness::stress(&lame, &auxiliary_gradient(mode, 2.0, 0.0, &lame));
+            let s = stiffness::stress(&lame, &auxiliary_gradients(2.0, 0.0, &lame)[mode]);
             let expected = 1.0 / (2.0 * std::f64::consts::PI * 2.0).sqrt();
             assert!(
                 (s[component] - expected).abs() < 1e-12,

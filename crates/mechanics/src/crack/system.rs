@@ -120,6 +120,14 @@ impl System {
         read(self.block_of_node[i], x)
     }
 
+    /// Adds to the displacement of node `i`, unless it is held.
+    pub fn add_displacement(&self, i: usize, by: &Vec3, x: &mut [f64]) {
+        let b = self.block_of_node[i];
+        if b != HELD {
+            (0..3).for_each(|k| x[3 * b as usize + k] += by[k]);
+        }
+    }
+
     /// Displacements of a cell's four virtual nodes \[mm\].
     pub fn cell_displacements(&self, mesh: &TetMesh, cell: &Cell, x: &[f64]) -> [Vec3; 4] {
         let unknowns = unknowns(mesh, cell, &self.block_of_node, &self.block_of_enrichment);

@@ -191,6 +191,49 @@ impl Bone {
         }
     }
 
+    /// Adds loads to a right-hand side.
+    pub fn add_loads<'a>(&self, loads: impl IntoIterator<Item = &'a CellForce>, rhs: &mut [f64]) {
+        for l in loads {
+            let cell = &self.topology.cells()[l.cell as usize];
+            self.system
+                .add_force(&self.body.mesh, cell, &l.weights, &l.force, rhs);
+        }
+    }
+
+    /// The same loads on this bone, where `old` is an earlier generation: same place, same side.
+    pub fn carry_loads(&self, old: &Self, loads: &[CellForce]) -> Vec<CellForce> {
+        let carry = |l: &CellForce| {
+            let was = &old.topology.cells()[l.cell as usize];
+            let common = |c: &usize| (self.topology.cells()[*c].mask & was.mask).count_ones();
+            let same = self.topology.cells_of(was.tet).rev().max_by_key(common);
+            CellForce {
+                cell: same.map_or(0, |c| c as u32),
+                ..*l
+            }
+        };
+        loads.iter().map(carry).collect()
+    }
+
+    /// Scales the way from the displacements of `before` (on `old`) to those of `state` so that no node moves farther than a
+    /// fraction of a millimetre.
+    pub(super) fn limit_change(&self, old: &Self, before: &BoneState, state: &mut BoneState) {
+        const FARTHEST: f64 = 0.3;
+        let n = 0..self.body.mesh.nodes().len();
+        let was = |i: usize| old.system.displacement(i, &before.x);
+        let farthest = n
+            .clone()
+            .map(|i| (self.system.displacement(i, &state.x) - was(i)).norm())
+            .fold(0.0, f64::max);
+        if farthest > FARTHEST {
+            let share = FARTHEST / farthest;
+            state.x.iter_mut().for_each(|v| *v *= share);
+            n.for_each(|i| {
+                self.system
+                    .add_displacement(i, &(was(i) * (1.0 - share)), &mut state.x)
+            });
+        }
+    }
+
     /// Whether the two ends are apart: the split is complete.
     pub fn is_severed(&self) -> bool {
         let fragment = |end: &Vec<u32>| end.first().map(|&i| self.fragments.of_node[i as usize]);

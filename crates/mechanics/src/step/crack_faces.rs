@@ -5,7 +5,7 @@
 //! kept factor, the penalty is solved implicitly (projected Gauss-Seidel) and never limits the relaxation.
 use crate::bone::SolveScratch;
 use crate::crack::stress_intensity::CellForce;
-use crate::crack::{CrackSurface, CutEdges, System, Topology};
+use crate::crack::{Cell, CrackSurface, CutEdges, System, Topology};
 use crate::geometry::{TET_EDGES, TetMesh, Vec3};
 
 /// One pair of opposite points.
@@ -24,6 +24,7 @@ struct FacePair {
 #[derive(Clone, Debug, Default)]
 pub struct CrackFaces {
     pairs: Vec<FacePair>,
+    area: f64,
 }
 
 impl CrackFaces {
@@ -33,12 +34,17 @@ impl CrackFaces {
             .filter(|&t| topology.cells_of(t).len() == 2)
             .filter_map(|t| pair(mesh, cuts, topology, crack, t))
             .collect();
-        Self { pairs }
+        let area = topology
+            .cells()
+            .chunk_by(|a, b| a.tet == b.tet)
+            .map(|c| divided_area(mesh, cuts, c))
+            .sum();
+        Self { pairs, area }
     }
 
-    /// Total area \[mm2\].
+    /// Area of the crack inside the body: the cut polygons of all divided tetrahedra \[mm2\].
     pub fn area(&self) -> f64 {
-        self.pairs.iter().map(|p| p.area).sum()
+        self.area
     }
 
     /// How many pairs there are.
@@ -89,6 +95,38 @@ impl FacePair {
     }
 }
 
+/// Cut area of a tetrahedron: half the sum over its cells of the polygon that bounds each.
+fn divided_area(mesh: &TetMesh, cuts: &CutEdges, cells: &[Cell]) -> f64 {
+    if cells.len() < 2 {
+        return 0.0;
+    }
+    0.5 * cells
+        .iter()
+        .map(|c| polygon(mesh, cuts, c).1.norm())
+        .sum::<f64>()
+}
+
+/// Centre and area vector of the polygon through the crossing points on the edges that leave a cell.
+fn polygon(mesh: &TetMesh, cuts: &CutEdges, cell: &Cell) -> (Vec3, Vec3) {
+    let inside = |k: usize| cell.mask >> k & 1 == 1;
+    let mut corners = Vec::with_capacity(4);
+    for (l, [a, b]) in TET_EDGES.iter().enumerate() {
+        if inside(*a) != inside(*b) {
+            corners.push(cuts.crossing_point(mesh, mesh.tet_edges()[cell.tet as usize][l]));
+        }
+    }
+    if corners.len() == 4 {
+        // Edges come as (a c) (a d) (b c) (b d); round the polygon it is ac, ad, bd, bc.
+        corners.swap(2, 3);
+    }
+    let n = corners.len();
+    let centre = corners.iter().sum::<Vec3>() / n as f64;
+    let sum: Vec3 = (0..n)
+        .map(|k| (corners[k] - centre).cross(&(corners[(k + 1) % n] - centre)))
+        .sum();
+    (centre, sum * 0.5)
+}
+
 fn pair(
     mesh: &TetMesh,
     cuts: &CutEdges,
@@ -99,22 +137,7 @@ fn pair(
     let cells = topology.cells_of(t);
     let mask = topology.cells()[cells.start].mask;
     let inside = |k: usize| mask >> k & 1 == 1;
-    // Crossing points of the edges between the two cells, in an order that runs round the polygon.
-    let mut corners = Vec::with_capacity(4);
-    for (l, [a, b]) in TET_EDGES.iter().enumerate() {
-        if inside(*a) != inside(*b) {
-            corners.push(cuts.crossing_point(mesh, mesh.tet_edges()[t as usize][l]));
-        }
-    }
-    if corners.len() == 4 {
-        corners.swap(2, 3);
-    }
-    let centre = corners.iter().sum::<Vec3>() / corners.len() as f64;
-    let n = corners.len();
-    let area_normal: Vec3 = (0..n)
-        .map(|k| (corners[k] - centre).cross(&(corners[(k + 1) % n] - centre)))
-        .sum::<Vec3>()
-        * 0.5;
+    let (centre, area_normal) = polygon(mesh, cuts, &topology.cells()[cells.start]);
     let mut normal = area_normal.try_normalize(1e-12)?;
     let x = mesh.corners(t as usize);
     let own: Vec3 = (0..4)

@@ -3,7 +3,10 @@
 //! [`Bone`] is everything that is constant between two growths, [`BoneState`] what is computed on it.
 mod bone;
 mod crack_faces;
+pub mod haptic;
+pub mod main;
 mod propagation;
+mod relaxation;
 mod walls;
 
 pub use bone::{Body, Bone, BoneError, BoneState};

@@ -1,0 +1,262 @@
+//! The main loop's step: the relaxation between bone and tools (paper, section 3.3, steps 1 to 7).
+use super::bone::{Bone, BoneState};
+use super::crack_faces::FaceContact;
+use super::relaxation::Acceleration;
+use crate::bone::SolveScratch;
+use crate::contact::{Anchors, BoundingVolumes, ContactScene, Wrench};
+use crate::crack::stress_intensity::CellForce;
+use crate::geometry::Pose;
+use crate::tool::{
+    ScratchLimits, SolveSettings, ToolInput, ToolModel, ToolScratch, ToolsResult, ToolsState,
+    solve_tools,
+};
+
+/// Bounds of the relaxation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MainSettings {
+    /// Sweeps, at most.
+    pub max_iterations: usize,
+    /// Converged when no unknown changes by more than this share of the largest ...
+    pub relative_tolerance: f64,
+    /// ... or by more than this \[mm\].
+    pub absolute_tolerance: f64,
+    /// Bounds of the tools' part.
+    pub tools: SolveSettings,
+}
+
+impl Default for MainSettings {
+    /// Half a per cent of the deformation, or a micrometre: below what a hand can feel through the coupling.
+    fn default() -> Self {
+        Self {
+            max_iterations: 12,
+            relative_tolerance: 5e-3,
+            absolute_tolerance: 1e-3,
+            tools: SolveSettings::MAIN,
+        }
+    }
+}
+
+/// What a main step is given.
+#[derive(Clone, Copy, Debug)]
+pub struct MainInput {
+    /// World from device, already in the bone's space.
+    pub devices: [Pose; 2],
+    /// The haptic loop's tools, to start from.
+    pub tools: ToolsState,
+}
+
+/// What came of a main step.
+#[derive(Clone, Copy, Debug)]
+pub struct MainReport {
+    /// Sweeps made.
+    pub iterations: usize,
+    /// Last change of any unknown \[mm\].
+    pub residual: f64,
+    /// Whether the last change was within the tolerance.
+    pub converged: bool,
+    /// Bone points inside the tools.
+    pub n_contacts: usize,
+    /// Pairs of crack faces that press on each other.
+    pub n_closed: usize,
+    /// Largest displacement of a node \[mm\].
+    pub max_displacement: f64,
+    /// Elastic energy \[N mm\].
+    pub strain_energy: f64,
+    /// The tools at rest.
+    pub tools: ToolsState,
+    /// What pulls at each hand \[N, N mm\], bone units.
+    pub wrenches: [Wrench; 2],
+}
+
+/// What is computed from main step to main step.
+#[derive(Debug)]
+pub struct MainState {
+    /// The bone.
+    pub bone: BoneState,
+    /// Its bounding volumes in that state.
+    pub volumes: BoundingVolumes,
+    anchors: [Anchors; 2],
+    tools: ToolScratch,
+    faces: FaceContact,
+    solve: SolveScratch,
+    acceleration: Acceleration,
+    trial: Vec<f64>,
+}
+
+impl MainState {
+    /// A bone at rest; room for point ids below `n_ids` (allow for what the crack will add).
+    pub fn new(bone: &Bone, n_ids: usize, limits: ScratchLimits) -> Self {
+        let state = bone.at_rest();
+        Self {
+            volumes: BoundingVolumes::new(&bone.shell, &state.deformation),
+            anchors: [Anchors::with_capacity(n_ids), Anchors::with_capacity(n_ids)],
+            tools: ToolScratch::new(limits),
+            faces: FaceContact::default(),
+            solve: bone.system.scratch(1),
+            acceleration: Acceleration::default(),
+            trial: Vec::new(),
+            bone: state,
+        }
+    }
+
+    /// Takes over the next generation: the same loads on the grown bone, moved there by no more than a fraction of a
+    /// millimetre at once, as a start for the relaxation.
+    pub fn adopt(&mut self, old: &Bone, new: &Bone) {
+        self.solve = new.system.scratch(1);
+        self.acceleration.forget();
+        let mut next = new.at_rest();
+        next.loads = new.carry_loads(old, &self.bone.loads);
+        new.add_loads(&next.loads, &mut next.x);
+        new.system.solve(&mut next.x, &mut self.solve);
+        new.limit_change(old, &self.bone, &mut next);
+        new.deform(&mut next);
+        next.strain_energy = self.bone.strain_energy;
+        self.volumes.update(&new.shell, &next.deformation);
+        self.bone = next;
+    }
+
+    /// What the tools see of the bone.
+    pub fn scene<'a>(&'a self, bone: &'a Bone) -> ContactScene<'a> {
+        ContactScene {
+            shell: &bone.shell,
+            volumes: &self.volumes,
+            deformation: &self.bone.deformation,
+        }
+    }
+}
+
+/// Brings bone and tools to rest together. `state` must belong to `bone`.
+pub fn main_step(
+    bone: &Bone,
+    model: &ToolModel,
+    settings: &MainSettings,
+    state: &mut MainState,
+    input: &MainInput,
+) -> MainReport {
+    let mut tools = input.tools;
+    state.acceleration.new_step();
+    let mut iterations = 0;
+    loop {
+        iterations += 1;
+        // 4-6: query, both tools to rest against the bone as it stands.
+        let result = rest_tools(bone, model, settings, state, input, &mut tools);
+        // 1-2: the forces of those contacts, and the bone under them with the kept factor.
+        let (trial, loads) = solve_bone(bone, model, state);
+        // 7: convergence.
+        let (residual, scale) = change(&state.bone.x, &trial);
+        let tolerance = settings
+            .absolute_tolerance
+            .max(settings.relative_tolerance * scale);
+        let converged = residual <= tolerance;
+        let last = converged || iterations >= settings.max_iterations;
+        if last {
+            state.bone.x.copy_from_slice(&trial);
+        } else {
+            state.acceleration.next(&mut state.bone.x, &trial);
+        }
+        state.trial = trial;
+        // 3: collision detection follows the bone.
+        bone.deform(&mut state.bone);
+        state.volumes.update(&bone.shell, &state.bone.deformation);
+        if last {
+            let n_closed = loads.len() - loads.partition_point(|l| l.1 == Source::Tool);
+            state.bone.loads = loads.into_iter().map(|l| l.0).collect();
+            state.bone.strain_energy = bone.system.energy(&state.bone.x);
+            state.bone.converged = converged;
+            state.tools.commit(&mut state.anchors);
+            return MainReport {
+                iterations,
+                residual,
+                converged,
+                n_contacts: result.n_contacts.iter().sum(),
+                n_closed: n_closed / 2,
+                max_displacement: scale,
+                strain_energy: state.bone.strain_energy,
+                tools,
+                wrenches: result.coupling.map(|w| -w),
+            };
+        }
+    }
+}
+
+fn rest_tools(
+    bone: &Bone,
+    model: &ToolModel,
+    settings: &MainSettings,
+    state: &mut MainState,
+    input: &MainInput,
+    tools: &mut ToolsState,
+) -> ToolsResult {
+    let scene = ContactScene {
+        shell: &bone.shell,
+        volumes: &state.volumes,
+        deformation: &state.bone.deformation,
+    };
+    let input = ToolInput {
+        scene,
+        devices: &input.devices,
+        anchors: &state.anchors,
+    };
+    solve_tools(model, &settings.tools, &input, tools, &mut state.tools)
+}
+
+/// Where a load on the bone comes from.
+#[derive(Clone, Copy, PartialEq)]
+enum Source {
+    Tool,
+    Face,
+}
+
+/// The bone under the tools' present forces, its faces kept apart.
+fn solve_bone(
+    bone: &Bone,
+    model: &ToolModel,
+    state: &mut MainState,
+) -> (Vec<f64>, Vec<(CellForce, Source)>) {
+    let scene = ContactScene {
+        shell: &bone.shell,
+        volumes: &state.volumes,
+        deformation: &state.bone.deformation,
+    };
+    let mut loads: Vec<_> = state
+        .tools
+        .point_forces(model, &scene)
+        .iter()
+        .map(|f| {
+            let weights = f.weights.map(f64::from);
+            let force = f.force;
+            (
+                CellForce {
+                    cell: f.cell,
+                    weights,
+                    force,
+                },
+                Source::Tool,
+            )
+        })
+        .collect();
+    let mut x = std::mem::take(&mut state.trial);
+    x.clear();
+    x.resize(bone.system.n(), 0.0);
+    bone.add_loads(loads.iter().map(|l| &l.0), &mut x);
+    bone.system.solve(&mut x, &mut state.solve);
+    let pressures = state.faces.press(
+        bone.generation,
+        &bone.faces,
+        &bone.body.mesh,
+        &bone.topology,
+        &bone.system,
+        &mut state.solve,
+        &mut x,
+    );
+    loads.extend(pressures.into_iter().map(|p| (p, Source::Face)));
+    (x, loads)
+}
+
+/// Largest change of an unknown, and the largest unknown \[mm\].
+fn change(x: &[f64], trial: &[f64]) -> (f64, f64) {
+    let largest =
+        |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, |m: f64, v| m.max(v.abs()));
+    let change = largest(&mut x.iter().zip(trial).map(|(a, b)| a - b));
+    (change, largest(&mut trial.iter().copied()))
+}

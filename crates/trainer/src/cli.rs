@@ -1,0 +1,198 @@
+//! The command line: what the user asks for, and with what exit code it ends.
+use crate::commands;
+use crate::scenario::Override;
+use crate::talk;
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Why a command failed.
+#[derive(Debug)]
+pub enum Failure {
+    /// The input is wrong: exit code 2.
+    Input(anyhow::Error),
+    /// The work failed: exit code 1.
+    Work(anyhow::Error),
+}
+
+/// A simulator for learning to split the mandible.
+#[derive(Parser)]
+#[command(name = "osteotome", version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// The whole job on the built-in patient, in real time: no display, device or file needed
+    Demo(DemoArgs),
+    /// One session without a window
+    Run(RunArgs),
+    /// Says what is wrong with a scenario, and where
+    Check(CheckArgs),
+    /// Plays a recorded session
+    Replay(ReplayArgs),
+    /// Lists haptic devices, and what is missing for those that are not found
+    Devices,
+}
+
+/// Arguments of `demo`.
+#[derive(Args)]
+pub struct DemoArgs {
+    /// Session folder; an earlier session there is replaced
+    #[arg(long, value_name = "DIR", default_value = "osteotome-demo")]
+    pub out: PathBuf,
+    /// Overrides a key of the scenario by a TOML value (repeatable)
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<Override>,
+}
+
+/// Arguments of `run`.
+#[derive(Args)]
+pub struct RunArgs {
+    /// The scenario (TOML)
+    pub scenario: PathBuf,
+    /// Who leads the hands: builtin, or a recorded session
+    #[arg(long, value_name = "builtin|FILE.mcap", default_value = "builtin")]
+    pub input: PathBuf,
+    /// Against the clock on three threads, or from one thread and repeatable to the last bit
+    #[arg(long, value_enum, default_value_t = Mode::Lockstep)]
+    pub mode: Mode,
+    /// Start of the surgeon's random variations (like --set seed=N)
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Longest simulated time (like --set max_time=S)
+    #[arg(long, value_name = "S")]
+    pub max_time: Option<f64>,
+    /// Session folder; an earlier session there is replaced
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Prints the figures as one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+    /// Overrides a key of the scenario by a TOML value (repeatable)
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<Override>,
+}
+
+/// Arguments of `check`.
+#[derive(Args)]
+pub struct CheckArgs {
+    /// The scenario (TOML)
+    pub scenario: PathBuf,
+    /// Overrides a key of the scenario by a TOML value (repeatable)
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<Override>,
+}
+
+/// Arguments of `replay`.
+#[derive(Args)]
+pub struct ReplayArgs {
+    /// The recording
+    pub session: PathBuf,
+    /// Recomputes it in lockstep from the recorded device poses and reports the largest deviation
+    #[arg(long)]
+    pub verify: bool,
+    /// Writes the recomputed session there
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// How a session is driven.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Mode {
+    /// Against the clock.
+    Realtime,
+    /// From one thread.
+    Lockstep,
+}
+
+impl Mode {
+    /// As written in recordings.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Realtime => "realtime",
+            Self::Lockstep => "lockstep",
+        }
+    }
+}
+
+/// Runs the program.
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return usage(&error),
+    };
+    let result = match cli.command {
+        Command::Demo(args) => commands::demo(&args),
+        Command::Run(args) => commands::run(&args),
+        Command::Check(args) => commands::check(&args),
+        Command::Replay(args) => commands::replay(&args),
+        Command::Devices => commands::devices(),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure::Work(error)) => {
+            talk::complain(&error);
+            ExitCode::from(1)
+        }
+        Err(Failure::Input(error)) => {
+            talk::complain(&error);
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Help and version go to standard output; a wrong command line is one line like every other wrong input.
+fn usage(error: &clap::Error) -> ExitCode {
+    let text = error.render().to_string();
+    if !error.use_stderr() {
+        talk::say(text.trim_end());
+        return ExitCode::SUCCESS;
+    }
+    let is_help = error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand;
+    let line = if is_help {
+        "a command is missing; osteotome --help lists them".to_owned()
+    } else {
+        one_line(&text)
+    };
+    talk::complain(&anyhow::anyhow!(line));
+    ExitCode::from(2)
+}
+
+/// Clap's message without usage and the hint at --help.
+fn one_line(text: &str) -> String {
+    let body = text.split("\nUsage:").next().unwrap_or(text);
+    let lines = body
+        .lines()
+        .map(str::trim)
+        .filter(|l| !l.is_empty() && !l.starts_with("For more"));
+    let joined = lines.collect::<Vec<_>>().join(" ");
+    format!(
+        "{}; see osteotome --help",
+        joined.trim_start_matches("error: ")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_commands_are_well_formed() {
+        use clap::CommandFactory;
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn usage_errors_are_one_line() {
+        let error =
+            Cli::try_parse_from(["osteotome", "run", "a.toml", "--out", "b", "--mode", "x"]);
+        let line = one_line(&error.err().unwrap().render().to_string());
+        assert!(
+            !line.contains('\n') && line.contains("[possible values: realtime, lockstep]"),
+            "{line}"
+        );
+    }
+}

@@ -1,0 +1,249 @@
+//! What the commands do.
+use crate::cli::{CheckArgs, DemoArgs, Failure, Mode, ReplayArgs, RunArgs};
+use crate::engine::{self, Prepared};
+use crate::input::Input;
+use crate::loops::{lockstep, realtime};
+use crate::scenario::{self, Override, Scenario, Source};
+use crate::session::{
+    CrackMesh, Metrics, Recorder, Recording, ScenarioMessage, SessionFolder, write_crack,
+    write_final_bone,
+};
+use crate::talk::{self, Progress};
+use crate::verify::Comparison;
+use anyhow::{Context, Result, anyhow};
+use std::path::{Path, PathBuf};
+
+/// `demo`: the shipped scenario in real time; a split that does not complete is a failure.
+pub fn demo(args: &DemoArgs) -> Result<(), Failure> {
+    let source = Source::Text {
+        name: "built-in scenario".to_owned(),
+        text: scenario::BSSO_RIGHT.to_owned(),
+    };
+    let scenario = load(&source, &args.set)?;
+    SessionFolder::check(&args.out).map_err(Failure::Input)?;
+    let prepared = prepare(&scenario)?;
+    let input = built_in(&scenario, &prepared)?;
+    let metrics = session(&scenario, &prepared, input, Mode::Realtime, &args.out)?;
+    talk::say(&talk::summary(&metrics.outcome()));
+    talk::say(&format!("Session: {}", args.out.display()));
+    if metrics.is_complete() {
+        Ok(())
+    } else {
+        Err(Failure::Work(anyhow!(
+            "the bone did not come apart; see {}",
+            args.out.display()
+        )))
+    }
+}
+
+/// `run`: any scenario, any input, either mode.
+pub fn run(args: &RunArgs) -> Result<(), Failure> {
+    let mut overrides = args.set.clone();
+    let extra = [
+        args.seed.map(|seed| format!("seed={seed}")),
+        args.max_time.map(|time| format!("max_time={time:?}")),
+    ];
+    for text in extra.into_iter().flatten() {
+        overrides.push(text.parse().map_err(Failure::Input)?);
+    }
+    let scenario = load(&Source::File(args.scenario.clone()), &overrides)?;
+    SessionFolder::check(&args.out).map_err(Failure::Input)?;
+    let recording = if args.input == Path::new("builtin") {
+        None
+    } else {
+        Some(Recording::read(&args.input).map_err(Failure::Input)?)
+    };
+    let prepared = prepare(&scenario)?;
+    let input = match &recording {
+        Some(recording) => Input::recorded(&scenario, &recording.hands).map_err(Failure::Input)?,
+        None => built_in(&scenario, &prepared)?,
+    };
+    let metrics = session(&scenario, &prepared, input, args.mode, &args.out)?;
+    if args.json {
+        talk::say(&json(&metrics).map_err(Failure::Work)?);
+    } else {
+        talk::say(&talk::summary(&metrics.outcome()));
+        talk::say(&format!("Session: {}", args.out.display()));
+    }
+    Ok(())
+}
+
+/// `check`: everything up to the first step of a session.
+pub fn check(args: &CheckArgs) -> Result<(), Failure> {
+    let scenario = load(&Source::File(args.scenario.clone()), &args.set)?;
+    let prepared = prepare(&scenario)?;
+    let start = built_in(&scenario, &prepared)?.read().map(|r| r.pose);
+    engine::connect(&prepared, &scenario, start).map_err(Failure::Input)?;
+    let p = &prepared.patient;
+    let body = &prepared.bone.body;
+    talk::say(&format!(
+        "{}: usable.\n{}: {} nodes, {} tetrahedra, {:.1} cm3, {} surface points, {} saw cuts, {} fragment(s).",
+        scenario.name,
+        p.name,
+        body.mesh.nodes().len(),
+        body.mesh.tets().len(),
+        body.mesh.volume() * 1e-3,
+        p.shell.len(),
+        p.osteotomy.parts.len(),
+        prepared.bone.fragments.count(),
+    ));
+    for note in &p.notes {
+        talk::say(&format!("Mended: {note}."));
+    }
+    for note in &p.constructed {
+        talk::say(&format!("Constructed, not measured: {note}."));
+    }
+    Ok(())
+}
+
+/// `replay`: the figures of a recording, recomputed on demand.
+pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
+    let recording = Recording::read(&args.session).map_err(Failure::Input)?;
+    if !args.verify && args.out.is_none() {
+        talk::say(&talk::summary(&recorded_figures(&recording).outcome()));
+        return Ok(());
+    }
+    let scenario = recording.scenario.scenario.clone();
+    let prepared = prepare(&scenario)?;
+    if prepared.digest != recording.scenario.patient_digest {
+        return Err(Failure::Input(anyhow!(
+            "{}: the bone built from its scenario is not the one recorded (digest {}, recorded {}); its files have changed",
+            args.session.display(),
+            prepared.digest,
+            recording.scenario.patient_digest
+        )));
+    }
+    let input = || Input::recorded(&scenario, &recording.hands).map_err(Failure::Input);
+    if let Some(out) = &args.out {
+        SessionFolder::check(out).map_err(Failure::Input)?;
+        let metrics = session(&scenario, &prepared, input()?, Mode::Lockstep, out)?;
+        talk::say(&talk::summary(&metrics.outcome()));
+        talk::say(&format!("Session: {}", out.display()));
+    }
+    if args.verify {
+        verify(&recording, &prepared, input()?)?;
+    }
+    Ok(())
+}
+
+/// Recomputes a recording in lockstep and says how far it is off. One made in lockstep must agree to the last bit.
+fn verify(recording: &Recording, prepared: &Prepared, mut input: Input) -> Result<(), Failure> {
+    let scenario = &recording.scenario.scenario;
+    let start = recording.start();
+    let engine = engine::connect(prepared, scenario, start).map_err(Failure::Input)?;
+    let mut comparison = Comparison::new(recording);
+    let mut bar = Progress::new("Replaying", millis(recording.seconds(scenario)));
+    let mut progress = |time: f64, _: bool| bar.set(millis(time), format!("{time:.1} s"));
+    input.rewind();
+    lockstep(engine, input, scenario, &mut comparison, &mut progress).map_err(Failure::Work)?;
+    bar.done();
+    talk::say(&comparison.report());
+    if recording.scenario.mode == Mode::Lockstep.name() && !comparison.is_exact() {
+        return Err(Failure::Work(anyhow!(
+            "the recording was made in lockstep, but recomputing it gives something else"
+        )));
+    }
+    Ok(())
+}
+
+/// `devices`: what can be led by whom.
+pub fn devices() -> Result<(), Failure> {
+    talk::say(
+        "simulated  always there; a hand of mass, spring and damper on a Phantom Premium 1.5/6DOF's limits",
+    );
+    talk::say("recorded   always there; run --input SESSION.mcap");
+    talk::say("No driver for physical devices is built in yet.");
+    Ok(())
+}
+
+fn load(source: &Source, overrides: &[Override]) -> Result<Scenario, Failure> {
+    let here = std::env::current_dir().map_err(|e| Failure::Work(e.into()))?;
+    scenario::load(source, overrides, &here).map_err(Failure::Input)
+}
+
+fn prepare(scenario: &Scenario) -> Result<Prepared, Failure> {
+    let mut bar = Progress::new("Preparing", 1000);
+    let mut progress = |stage: &str, share: f64| bar.set((1000.0 * share) as u64, stage);
+    let prepared = engine::prepare(scenario, &mut progress).map_err(Failure::Input);
+    bar.done();
+    prepared
+}
+
+fn built_in(scenario: &Scenario, prepared: &Prepared) -> Result<Input, Failure> {
+    Input::built_in(scenario, prepared.line.clone()).map_err(Failure::Input)
+}
+
+/// Runs a session and leaves its folder.
+fn session(
+    scenario: &Scenario,
+    prepared: &Prepared,
+    mut input: Input,
+    mode: Mode,
+    out: &Path,
+) -> Result<Metrics, Failure> {
+    let start = input.read().map(|r| r.pose);
+    input.rewind();
+    let engine = engine::connect(prepared, scenario, start).map_err(Failure::Input)?;
+    let folder = SessionFolder::create(out).map_err(Failure::Input)?;
+    let first = ScenarioMessage {
+        scenario: scenario.clone(),
+        patient_digest: prepared.digest.clone(),
+        mode: mode.name().to_owned(),
+    };
+    let work = || -> Result<Metrics> {
+        let mut recorder = Recorder::create(folder.path(), &first)?;
+        let mut bar = Progress::new(&scenario.name, millis(scenario.max_time));
+        let mut progress = |time: f64, severed: bool| {
+            let word = if severed { ", split" } else { "" };
+            bar.set(millis(time), format!("{time:.1} s{word}"));
+        };
+        let engine = match mode {
+            Mode::Lockstep => lockstep(engine, input, scenario, &mut recorder, &mut progress)?,
+            Mode::Realtime => realtime(engine, input, scenario, &mut recorder, &mut progress)?,
+        };
+        bar.done();
+        if let Some(crack) = recorder.last_growth() {
+            let crack = CrackMesh {
+                vertices: &crack.vertices,
+                triangles: &crack.triangles,
+                kerf: &crack.kerf,
+            };
+            folder.write("crack.ply", &write_crack(&crack))?;
+        }
+        folder.write(
+            "bone_final.vtu",
+            &write_final_bone(&engine::final_bone(&engine)),
+        )?;
+        let metrics = recorder.finish()?;
+        folder.write("metrics.json", &json(&metrics)?)?;
+        Ok(metrics)
+    };
+    let metrics = work()
+        .context("the session failed")
+        .map_err(Failure::Work)?;
+    let _: PathBuf = folder.finish().map_err(Failure::Work)?;
+    Ok(metrics)
+}
+
+fn json(metrics: &Metrics) -> Result<String> {
+    Ok(serde_json::to_string_pretty(&metrics.document())?)
+}
+
+fn recorded_figures(recording: &Recording) -> Metrics {
+    let scenario = &recording.scenario.scenario;
+    let mut metrics = Metrics::new(scenario);
+    let mut growth = recording.growth.iter().peekable();
+    for sample in recording.haptic(scenario.loops.dt()) {
+        while let Some(g) = growth.next_if(|g| g.time < sample.time) {
+            metrics.growth(g);
+        }
+        metrics.haptic(&sample);
+    }
+    growth.for_each(|g| metrics.growth(g));
+    recording.main.iter().for_each(|m| metrics.main(m));
+    metrics
+}
+
+fn millis(seconds: f64) -> u64 {
+    (seconds * 1e3) as u64
+}

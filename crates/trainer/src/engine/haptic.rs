@@ -1,0 +1,137 @@
+use super::HandsView;
+use crate::loops::{HandOutput, HapticPart, Published, Subscribed};
+use crate::scenario::Scenario;
+use anyhow::{Context, Result};
+use nalgebra::Matrix3x4;
+use osteotome_devices::Wrench;
+use osteotome_mechanics::contact::{BoundingVolumes, ContactScene, PointShell};
+use osteotome_mechanics::geometry::Pose;
+use osteotome_mechanics::step::haptic::{
+    DeviceLimits, HapticInput, HapticModel, HapticState, haptic_step,
+};
+use osteotome_mechanics::step::{Bone, BoneState};
+use osteotome_mechanics::tool::{ScratchLimits, SolveSettings, ToolModel};
+use std::sync::Arc;
+
+/// What the haptic loop sees of the bone: one state, complete in itself.
+#[derive(Clone)]
+pub struct BoneView {
+    /// Points by cell; the same for all states of a generation.
+    pub shell: Arc<PointShell>,
+    /// Of this state.
+    pub volumes: BoundingVolumes,
+    /// Of this state.
+    pub deformation: Vec<Matrix3x4<f32>>,
+}
+
+impl BoneView {
+    /// A view of a state.
+    pub fn new(bone: &Bone, state: &BoneState) -> Self {
+        Self {
+            shell: bone.shell.clone(),
+            volumes: BoundingVolumes::new(&bone.shell, &state.deformation),
+            deformation: state.deformation.clone(),
+        }
+    }
+
+    /// Follows to another state, reusing the memory.
+    pub fn update(&mut self, bone: &Bone, state: &BoneState) {
+        self.shell.clone_from(&bone.shell);
+        self.deformation.clone_from(&state.deformation);
+        self.volumes.update(&bone.shell, &state.deformation);
+    }
+
+    /// As contact wants it.
+    pub fn scene(&self) -> ContactScene<'_> {
+        ContactScene {
+            shell: &self.shell,
+            volumes: &self.volumes,
+            deformation: &self.deformation,
+        }
+    }
+}
+
+/// The haptic loop's part.
+pub struct Haptic {
+    model: HapticModel,
+    state: HapticState,
+    bone: Subscribed<BoneView>,
+    hands: Published<HandsView>,
+}
+
+/// Room for points on the faces of the crack that will grow \[mm2 of crack\].
+const CRACK_ROOM: f64 = 6000.0;
+
+impl Haptic {
+    pub(super) fn new(
+        scenario: &Scenario,
+        tools: ToolModel,
+        bone: &Bone,
+        start: [Pose; 2],
+        view: Subscribed<BoneView>,
+        hands: Published<HandsView>,
+    ) -> Result<Self> {
+        let limits = |i: usize| {
+            let t = &scenario.tool[i];
+            let limits = DeviceLimits {
+                force_scale: t.force_scale,
+                torque_scale: t.torque_scale,
+                max_force: t.limits.force,
+                max_torque: t.limits.torque,
+                max_force_rate: t.limits.force_rate,
+                max_torque_rate: t.limits.torque_rate,
+            };
+            limits.checked().with_context(|| format!("tool.{i}.limits"))
+        };
+        let room = (2.0 * CRACK_ROOM * bone.body.wall_density) as usize;
+        Ok(Self {
+            model: HapticModel {
+                tools,
+                settings: SolveSettings::HAPTIC,
+                limits: [limits(0)?, limits(1)?],
+            },
+            state: HapticState::new(start, bone.points.len() + room, ScratchLimits::default()),
+            bone: view,
+            hands,
+        })
+    }
+
+    fn is_saturated(&self, hand: usize, wrench: &Wrench) -> bool {
+        const FULL: f64 = 0.999;
+        let limits = &self.model.limits[hand];
+        wrench.force.norm() >= FULL * limits.max_force
+            || wrench.torque.norm() >= FULL * limits.max_torque
+    }
+}
+
+impl HapticPart for Haptic {
+    fn step(&mut self, devices: &[Pose; 2], dt: f64) -> [HandOutput; 2] {
+        let input = HapticInput {
+            scene: self.bone.read().scene(),
+            devices: *devices,
+            dt,
+        };
+        let output = haptic_step(&self.model, &mut self.state, &input);
+        self.hands.write(HandsView {
+            devices: *devices,
+            tools: output.tools,
+        });
+        [0, 1].map(|i| {
+            let wrench = Wrench {
+                force: output.device[i].force,
+                torque: output.device[i].torque,
+            };
+            HandOutput {
+                tool_pose: output.tools.poses[i],
+                saturated: self.is_saturated(i, &wrench),
+                wrench,
+                contacts: output.result.n_contacts[i] as u32,
+            }
+        })
+    }
+
+    fn fault(&self) -> Option<String> {
+        let fault = self.state.fault()?;
+        Some(format!("the haptic loop stopped its output: {fault:?}"))
+    }
+}

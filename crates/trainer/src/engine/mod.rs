@@ -1,0 +1,99 @@
+//! A scenario made into the three parts that the loops drive, around the steps of `osteotome_mechanics`.
+mod bone_file;
+mod haptic;
+mod main;
+mod prepare;
+mod propagation;
+
+pub use prepare::{Prepared, prepare};
+
+use crate::loops::{Parts, latest};
+use crate::scenario::{Scenario, Tool};
+use crate::session::FinalBone;
+use anyhow::{Context, Result};
+use haptic::BoneView;
+use osteotome_mechanics::contact::ContactLaw;
+use osteotome_mechanics::geometry::Pose;
+use osteotome_mechanics::tool::{self, Chisel, ChiselParameters, Coupling, ToolModel, ToolsState};
+use std::sync::Arc;
+
+/// The parts of a session.
+pub type Engine = Parts<haptic::Haptic, main::Main, propagation::Propagation>;
+
+/// What the haptic loop tells the main loop.
+#[derive(Clone, Copy, Debug)]
+struct HandsView {
+    devices: [Pose; 2],
+    tools: ToolsState,
+}
+
+/// Connects the three parts. `start`: where the hands are at the beginning.
+///
+/// # Errors
+/// A number of the scenario that the mechanics refuses.
+pub fn connect(prepared: &Prepared, scenario: &Scenario, start: [Pose; 2]) -> Result<Engine> {
+    let tools = tool_model(scenario)?;
+    let bone = &prepared.bone;
+    let state = bone.at_rest();
+    let (bone_view_tx, bone_view_rx) = latest(&BoneView::new(bone, &state));
+    let at_start = HandsView {
+        devices: start,
+        tools: ToolsState { poses: start },
+    };
+    let (hands_tx, hands_rx) = latest(&at_start);
+    let (state_tx, state_rx) = latest(&propagation::Loaded {
+        serial: 0,
+        bone: bone.clone(),
+        state: state.clone(),
+    });
+    let (bone_tx, bone_rx) = latest(&Arc::clone(bone));
+    Ok(Parts {
+        haptic: haptic::Haptic::new(scenario, tools.clone(), bone, start, bone_view_rx, hands_tx)?,
+        main: main::Main::new(
+            tools,
+            bone.clone(),
+            state,
+            at_start,
+            main::Ends {
+                hands: hands_rx,
+                grown: bone_rx,
+                to_haptic: bone_view_tx,
+                to_propagation: state_tx,
+            },
+        ),
+        propagation: propagation::Propagation::new(bone.clone(), state_rx, bone_tx),
+    })
+}
+
+/// The bone as it ended.
+pub fn final_bone(engine: &Engine) -> FinalBone {
+    bone_file::final_bone(engine.main.bone(), engine.main.state())
+}
+
+fn tool_model(scenario: &Scenario) -> Result<ToolModel> {
+    let tool = |i: usize| one_tool(&scenario.tool[i]).with_context(|| format!("tool.{i}"));
+    Ok(ToolModel {
+        tools: [tool(0)?, tool(1)?],
+        law: ContactLaw::new(scenario.contact.stiffness, scenario.contact.friction)?,
+    })
+}
+
+/// Coupling stiffnesses and limits are the device's; seen from the bone they are larger by the scales.
+fn one_tool(t: &Tool) -> Result<tool::Tool> {
+    let chisel = Chisel::new(ChiselParameters {
+        width: t.chisel.width,
+        thickness: t.chisel.thickness,
+        bevel_deg: t.chisel.bevel_deg,
+        length: t.chisel.length,
+    })?;
+    let coupling = Coupling::new(
+        t.coupling.linear_stiffness / t.force_scale,
+        t.coupling.angular_stiffness / t.torque_scale,
+        t.limits.force / t.force_scale,
+        t.limits.torque / t.torque_scale,
+    )?;
+    Ok(tool::Tool {
+        shape: chisel.shape(),
+        coupling,
+    })
+}

@@ -1,0 +1,218 @@
+//! A scenario made into a bone with its saw cuts.
+use crate::scenario::{self, Scenario};
+use crate::surgeon::{Mark, SplitLine};
+use anyhow::{Context, Result, anyhow};
+use osteotome_anatomy::osteotomy::PointSpec;
+use osteotome_anatomy::{
+    MaterialSpec, MeshSource, Osteotomy, OsteotomySource, Parameters, PartKind, Patient,
+    PatientSpec, Side, SurfacePoint, SurfaceSource, Tissue,
+};
+use osteotome_mechanics::bone::Supports;
+use osteotome_mechanics::contact::{PointOrigin, ShellPoint};
+use osteotome_mechanics::crack::growth::GrowthLengths;
+use osteotome_mechanics::crack::{CrackSurface, LinePoint, Sheet};
+use osteotome_mechanics::geometry::{TetLocator, TetMesh, Vec3};
+use osteotome_mechanics::step::{Body, Bone};
+use std::sync::Arc;
+
+/// All that a session starts from.
+pub struct Prepared {
+    /// The patient.
+    pub patient: Patient,
+    /// The sawn bone, not yet broken.
+    pub bone: Arc<Bone>,
+    /// The pre-sawn line, for the surgeon.
+    pub line: SplitLine,
+    /// Digest of the patient.
+    pub digest: String,
+}
+
+/// Nodes this near to a condyle's centre are held \[mm\]: its head.
+const CONDYLE_RADIUS: f64 = 6.0;
+/// The element size that counts for growth is that within this distance of the line \[mm\].
+const NEAR_LINE: f64 = 15.0;
+/// Saw cuts reach this far out of the bone, so that no rim of bone stays at the surface \[mm\].
+const OUTSIDE: f64 = 2.0;
+
+/// Builds the patient and the bone. `progress` gets the stage and how far all is, 0 to 1.
+///
+/// # Errors
+/// One line for whatever is wrong with the scenario's files and numbers.
+pub fn prepare(s: &Scenario, progress: &mut dyn FnMut(&str, f64)) -> Result<Prepared> {
+    let patient = Patient::build(&patient_spec(s), progress)?;
+    let line = split_line(&patient.osteotomy)?;
+    let bone = Bone::new(Arc::new(body(s, &patient)), saw_cuts(&patient))
+        .context("the bone cannot be computed")?;
+    Ok(Prepared {
+        digest: format!("{:016x}", patient.digest()),
+        bone: Arc::new(bone),
+        line,
+        patient,
+    })
+}
+
+fn patient_spec(s: &Scenario) -> PatientSpec {
+    let tissue = |m: &scenario::Material| Tissue {
+        young_modulus: m.young_modulus,
+        poisson_ratio: m.poisson_ratio,
+        toughness: m.toughness,
+    };
+    PatientSpec {
+        surface: match (&s.patient.surface, &s.patient.parametric) {
+            (Some(path), _) => SurfaceSource::File(path.clone()),
+            (None, sizes) => {
+                let sizes = sizes.clone().unwrap_or_default();
+                SurfaceSource::Parametric(Parameters {
+                    scale: sizes.scale,
+                    gonial_angle: sizes.gonial_angle,
+                    ..Parameters::default()
+                })
+            }
+        },
+        mesh: match &s.mesh.file {
+            Some(path) => MeshSource::File(path.clone()),
+            None => MeshSource::Nodes(s.mesh.nodes),
+        },
+        material: MaterialSpec {
+            cortical: tissue(&s.material.cortical),
+            trabecular: tissue(&s.material.trabecular),
+            cortical_thickness: s.material.cortical_thickness,
+        },
+        osteotomy: match (&s.osteotomy.file, &s.osteotomy.points) {
+            (Some(path), _) => OsteotomySource::File(path.clone()),
+            (None, Some(points)) => OsteotomySource::Points(points.iter().map(point).collect()),
+            (None, None) => OsteotomySource::DalPont,
+        },
+        side: Some(match s.osteotomy.side {
+            scenario::Side::Right => Side::Right,
+            scenario::Side::Left => Side::Left,
+        }),
+        kerf: Some(s.osteotomy.kerf),
+        shell_points: s.mesh.shell_points,
+    }
+}
+
+fn point(p: &scenario::LinePoint) -> PointSpec {
+    PointSpec {
+        at: p.at,
+        toward: p.toward,
+        depth: p.depth,
+        part: p.part.clone(),
+    }
+}
+
+fn split_line(osteotomy: &Osteotomy) -> Result<SplitLine> {
+    let marks = osteotomy.parts.iter().flat_map(|part| {
+        part.points.iter().map(|p| Mark {
+            at: p.at,
+            toward: p.toward,
+            depth: p.depth,
+            is_ridge: part.kind == PartKind::Ridge,
+        })
+    });
+    SplitLine::new(marks.collect()).map_err(|e| anyhow!("osteotomy: {e}; give at least two points"))
+}
+
+fn saw_cuts(patient: &Patient) -> CrackSurface {
+    let osteotomy = &patient.osteotomy;
+    let sheet = |part: &osteotome_anatomy::OsteotomyPart| {
+        let line: Vec<_> = part
+            .points
+            .iter()
+            .map(|p| LinePoint {
+                at: p.at,
+                toward: p.toward,
+                depth: p.depth,
+            })
+            .collect();
+        Sheet::ribbon(part.kind.name(), &line, osteotomy.kerf, OUTSIDE, OVERLAP)
+    };
+    CrackSurface {
+        sheets: osteotomy.parts.iter().map(sheet).collect(),
+    }
+}
+
+/// Neighbouring saw cuts cross by this much, so that no pin-hole stays between them \[mm\].
+const OVERLAP: f64 = 2.0;
+
+fn body(s: &Scenario, patient: &Patient) -> Body {
+    let mesh = patient.mesh.clone();
+    let locator = TetLocator::new(&mesh);
+    let young_modulus = s.material.cortical.young_modulus;
+    let held = |centres: &[Vec3]| {
+        Supports::near(
+            &mesh,
+            centres,
+            CONDYLE_RADIUS,
+            s.supports.soft_tissue,
+            young_modulus,
+        )
+    };
+    let supports = held(&patient.condyles);
+    let ends = patient.condyles.map(|c| held(&[c]).fixed);
+    let h = element_size(&mesh, &patient.osteotomy);
+    let surface = shell_points(&patient.shell, &mesh, &locator, h);
+    let area: f64 = patient.shell.iter().map(|p| p.area).sum();
+    Body {
+        wall_density: patient.shell.len() as f64 / area,
+        lengths: GrowthLengths::for_element_size(h),
+        materials: patient.materials.clone(),
+        surface,
+        supports,
+        ends,
+        locator,
+        mesh,
+    }
+}
+
+/// Mean edge length near the line; of the whole mesh where none is near \[mm\].
+fn element_size(mesh: &TetMesh, osteotomy: &Osteotomy) -> f64 {
+    let marks: Vec<Vec3> = osteotomy
+        .parts
+        .iter()
+        .flat_map(|p| &p.points)
+        .map(|p| p.at)
+        .collect();
+    let is_near = |p: &Vec3| marks.iter().any(|m| (m - p).norm() < NEAR_LINE);
+    let near: Vec<bool> = mesh.nodes().iter().map(is_near).collect();
+    let lengths: Vec<f64> = mesh
+        .edges()
+        .iter()
+        .filter(|e| e.iter().all(|n| near[*n as usize]))
+        .map(|e| mesh.edge_vector(e).norm())
+        .collect();
+    if lengths.is_empty() {
+        mesh.mean_edge_length()
+    } else {
+        lengths.iter().sum::<f64>() / lengths.len() as f64
+    }
+}
+
+/// Embeds the surface in the mesh. A coarse mesh cuts corners: a point outside goes to the nearest place of the tetrahedron
+/// it sticks out of least, because a cell's bounding volume holds only what lies inside it.
+fn shell_points(
+    shell: &[SurfacePoint],
+    mesh: &TetMesh,
+    locator: &TetLocator,
+    h: f64,
+) -> Vec<ShellPoint> {
+    let embed = |p: &SurfacePoint| {
+        let found = [0.5, 1.0, 2.0]
+            .into_iter()
+            .find_map(|reach| locator.find_near(mesh, &p.position, reach * h));
+        let (tet, weights) = found?;
+        let inside = weights.map(|w| w.max(0.0));
+        let sum: f64 = inside.iter().sum();
+        let weights = inside.map(|w| w / sum);
+        let corners = mesh.corners(tet as usize);
+        let position = (0..4).map(|k| corners[k] * weights[k]).sum();
+        Some(ShellPoint {
+            position,
+            tet,
+            weights: weights.map(|w| w as f32),
+            area: p.area as f32,
+            origin: PointOrigin::Surface,
+        })
+    };
+    shell.iter().filter_map(embed).collect()
+}

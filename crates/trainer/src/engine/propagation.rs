@@ -1,0 +1,141 @@
+use crate::loops::{Propagated, PropagationPart, Published, Subscribed};
+use crate::session::{FrontPoint, GrowthSample};
+use osteotome_mechanics::crack::bridging_edges;
+use osteotome_mechanics::geometry::Vec3;
+use osteotome_mechanics::step::{
+    Bone, BoneState, GrowthReport, PropagationSettings, propagation_step,
+};
+use std::sync::Arc;
+
+/// A state with the bone it belongs to.
+#[derive(Clone)]
+pub struct Loaded {
+    /// Counts the main steps.
+    pub serial: u64,
+    /// The bone.
+    pub bone: Arc<Bone>,
+    /// Its state.
+    pub state: BoneState,
+}
+
+/// The propagation loop's part.
+pub struct Propagation {
+    bone: Arc<Bone>,
+    sawn_area: f64,
+    settings: PropagationSettings,
+    state: Subscribed<Loaded>,
+    grown: Published<Arc<Bone>>,
+    seen: u64,
+    /// Why the crack cannot go on, if a grown bone could not be computed.
+    stuck: Option<String>,
+}
+
+impl Propagation {
+    pub(super) fn new(
+        bone: Arc<Bone>,
+        state: Subscribed<Loaded>,
+        grown: Published<Arc<Bone>>,
+    ) -> Self {
+        Self {
+            sawn_area: bone.crack_area(),
+            bone,
+            settings: PropagationSettings::default(),
+            state,
+            grown,
+            seen: 0,
+            stuck: None,
+        }
+    }
+
+    fn sample(&self, report: &GrowthReport) -> GrowthSample {
+        let bone = &self.bone;
+        let (mut vertices, mut triangles, mut kerf) = (vec![], vec![], vec![]);
+        for sheet in &bone.crack.sheets {
+            let first = vertices.len() as u32;
+            vertices.extend(sheet.mesh.vertices.iter().map(|v| <[f64; 3]>::from(*v)));
+            triangles.extend(sheet.mesh.triangles.iter().map(|t| t.map(|v| v + first)));
+            kerf.extend_from_slice(&sheet.kerf);
+        }
+        let front = report.fronts.iter().flatten().filter(|p| p.inside);
+        GrowthSample {
+            time: 0.0,
+            vertices,
+            triangles,
+            kerf,
+            generation: bone.generation.into(),
+            front: front
+                .map(|p| FrontPoint {
+                    position: p.position.into(),
+                    k: p.k,
+                    g: p.g,
+                    angle: p.angle,
+                })
+                .collect(),
+            area: bone.crack_area() - self.sawn_area,
+            fragments: bone.fragments.count(),
+            severed: bone.is_severed(),
+            tips: tips(bone),
+        }
+    }
+}
+
+impl PropagationPart for Propagation {
+    fn crack(&self) -> GrowthSample {
+        self.sample(&GrowthReport::default())
+    }
+
+    fn step(&mut self) -> Propagated {
+        let loaded = self.state.read();
+        let is_new = loaded.serial != self.seen;
+        self.seen = loaded.serial;
+        let is_ours = loaded.state.generation == self.bone.generation;
+        if !is_new || !is_ours || !loaded.state.converged || self.stuck.is_some() {
+            return Propagated::Idle;
+        }
+        match propagation_step(&self.bone, &loaded.state, &self.settings) {
+            Ok((Some(next), report)) => {
+                self.bone = Arc::new(next);
+                self.grown.write(Arc::clone(&self.bone));
+                Propagated::Grown(Box::new(self.sample(&report)))
+            }
+            Ok((None, _)) => Propagated::Checked,
+            Err(error) => {
+                self.stuck = Some(error.to_string());
+                Propagated::Checked
+            }
+        }
+    }
+
+    fn fault(&self) -> Option<String> {
+        let error = self.stuck.as_ref()?;
+        Some(format!("the crack stopped growing: {error}"))
+    }
+}
+
+/// Where the bone still holds: front vertices inside it, or the middles of the last edges that bridge the split.
+fn tips(bone: &Bone) -> Vec<Vec3> {
+    let body = &bone.body;
+    let fronts = bone
+        .crack
+        .fronts(&body.mesh, &body.locator, body.lengths.stick());
+    let tips: Vec<Vec3> = fronts
+        .iter()
+        .flat_map(|f| {
+            f.vertices
+                .iter()
+                .map(|v| bone.crack.sheets[f.sheet].mesh.vertices[*v as usize])
+        })
+        .filter(|p| body.locator.find(&body.mesh, p).is_some())
+        .collect();
+    if !tips.is_empty() || bone.is_severed() {
+        return tips;
+    }
+    const MANY: usize = 64;
+    let [source, sink] = &body.ends;
+    let edges = bridging_edges(&body.mesh, &bone.cuts, source, sink, MANY).unwrap_or_default();
+    let middle = |e: &u32| {
+        let [a, b] = body.mesh.edges()[*e as usize].map(|n| body.mesh.nodes()[n as usize]);
+        0.5 * (a + b)
+    };
+    edges.iter().map(middle).collect()
+}

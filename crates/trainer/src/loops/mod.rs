@@ -1,0 +1,410 @@
+//! The three loops, driven from one thread ([`lockstep`]) or from three ([`realtime`]) through the same steps.
+mod exchange;
+mod lockstep;
+mod realtime;
+
+pub use exchange::{Published, Subscribed, latest};
+pub use lockstep::lockstep;
+pub use realtime::realtime;
+
+use crate::input::Input;
+use crate::scenario::Scenario;
+use crate::session::{GrowthSample, HandSample, HapticSample, Loop, MainSample, Pace, StepTime};
+use crate::surgeon::CrackView;
+use anyhow::Result;
+use osteotome_devices::Wrench;
+use osteotome_mechanics::geometry::Pose;
+
+/// What the haptic step answers for one hand.
+#[derive(Clone, Copy, Debug)]
+pub struct HandOutput {
+    /// The virtual chisel.
+    pub tool_pose: Pose,
+    /// To be displayed \[N, N mm\].
+    pub wrench: Wrench,
+    /// Whether it is at the device's limit.
+    pub saturated: bool,
+    /// Points in contact.
+    pub contacts: u32,
+}
+
+/// The haptic loop's share of the simulation: steps 4 to 6 of the relaxation, against the latest bone.
+pub trait HapticPart: Send {
+    /// One step of `dt` \[s\]. Does not allocate, wait or log.
+    fn step(&mut self, devices: &[Pose; 2], dt: f64) -> [HandOutput; 2];
+    /// Why the output has been zero since, if it has.
+    fn fault(&self) -> Option<String>;
+}
+
+/// The main loop's share: steps 1 to 7 to convergence.
+pub trait MainPart: Send {
+    /// One step.
+    fn step(&mut self) -> MainSample;
+    /// Why it has stopped, if it has.
+    fn fault(&self) -> Option<String> {
+        None
+    }
+}
+
+/// What a call of the propagation step did.
+pub enum Propagated {
+    /// The main loop had nothing new.
+    Idle,
+    /// Looked; the crack stays.
+    Checked,
+    /// The crack has grown.
+    Grown(Box<GrowthSample>),
+}
+
+/// The propagation loop's share.
+pub trait PropagationPart: Send {
+    /// The crack as it stands.
+    fn crack(&self) -> GrowthSample;
+    /// One step.
+    fn step(&mut self) -> Propagated;
+    /// Why it has stopped, if it has.
+    fn fault(&self) -> Option<String>;
+}
+
+/// The simulation, one part a loop.
+pub struct Parts<H, M, P> {
+    /// 1 kHz.
+    pub haptic: H,
+    /// 50 Hz.
+    pub main: M,
+    /// As it can.
+    pub propagation: P,
+}
+
+/// Where samples go.
+pub trait Sink {
+    /// A haptic step.
+    ///
+    /// # Errors
+    /// Whatever keeps the sink from taking it; ends the session. Likewise below.
+    fn haptic(&mut self, sample: &HapticSample) -> Result<()>;
+    /// A main step.
+    fn main(&mut self, sample: &MainSample) -> Result<()>;
+    /// A growth step.
+    fn growth(&mut self, sample: GrowthSample) -> Result<()>;
+    /// How long a step took.
+    fn timing(&mut self, sample: &StepTime, grew: bool) -> Result<()>;
+    /// Something worth knowing.
+    fn event(&mut self, time: f64, event: &str) -> Result<()>;
+    /// A loop's pace, at the end.
+    fn pace(&mut self, of: Loop, pace: Pace);
+}
+
+/// Told how far the simulated time has come \[s\], and whether the bone is apart.
+pub type Progress<'a> = &'a mut dyn FnMut(f64, bool);
+
+/// The haptic loop: hands, devices, step.
+struct HapticLoop<H> {
+    part: H,
+    input: Input,
+    dt: f64,
+    max_steps: u64,
+    next_step: u64,
+    faults: u32,
+}
+
+impl<H: HapticPart> HapticLoop<H> {
+    fn new(part: H, input: Input, scenario: &Scenario) -> Self {
+        Self {
+            part,
+            input,
+            dt: scenario.loops.dt(),
+            max_steps: (scenario.max_time * scenario.loops.haptic_hz).ceil() as u64,
+            next_step: 0,
+            faults: 0,
+        }
+    }
+
+    /// One tick: plan, read, step, write.
+    fn tick(&mut self, crack: &CrackView) -> HapticSample {
+        self.input.plan(crack);
+        let readings = self.input.read();
+        let output = self.part.step(&readings.map(|r| r.pose), self.dt);
+        self.faults += self.input.write(&output.map(|o| o.wrench));
+        let step = self.next_step;
+        self.next_step += 1;
+        HapticSample {
+            step,
+            time: step as f64 * self.dt,
+            hands: [0, 1].map(|i| HandSample {
+                device_pose: readings[i].pose,
+                device_buttons: readings[i].buttons,
+                tool_pose: output[i].tool_pose,
+                wrench: output[i].wrench,
+                saturated: output[i].saturated,
+                contacts: output[i].contacts,
+            }),
+        }
+    }
+
+    /// What went wrong on the way.
+    fn events(&self) -> Vec<String> {
+        let refused = (self.faults > 0).then(|| {
+            format!(
+                "{} wrenches were not finite; zero was displayed",
+                self.faults
+            )
+        });
+        self.part.fault().into_iter().chain(refused).collect()
+    }
+
+    fn is_finished(&self) -> bool {
+        self.next_step >= self.max_steps || self.input.is_finished()
+    }
+}
+
+/// What the surgeon sees of a growth.
+fn view(sample: &GrowthSample) -> CrackView {
+    CrackView {
+        generation: sample.generation,
+        severed: sample.severed,
+        front: sample.tips.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    //! A spring in place of the mechanics: the tool is the device, the wrench a spring to the start, and the crack grows
+    //! a little with every tenth main step until the bone is in two.
+    use super::*;
+    use crate::scenario::{BSSO_RIGHT, Source, load};
+    use crate::surgeon::{Mark, SplitLine};
+    use osteotome_mechanics::geometry::Vec3;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    #[derive(Clone, Default)]
+    pub struct Spring {
+        main_steps: Arc<AtomicU64>,
+        seen: u64,
+        generation: u64,
+    }
+
+    impl HapticPart for Spring {
+        fn step(&mut self, devices: &[Pose; 2], _: f64) -> [HandOutput; 2] {
+            devices.map(|tool_pose| HandOutput {
+                tool_pose,
+                wrench: Wrench {
+                    force: -0.1 * tool_pose.translation.vector,
+                    torque: -10.0 * tool_pose.rotation.scaled_axis(),
+                },
+                saturated: false,
+                contacts: 3,
+            })
+        }
+        fn fault(&self) -> Option<String> {
+            None
+        }
+    }
+
+    impl MainPart for Spring {
+        fn step(&mut self) -> MainSample {
+            self.main_steps.fetch_add(1, Ordering::Relaxed);
+            MainSample {
+                time: 0.0,
+                iterations: 2,
+                residual: 1e-7,
+                converged: true,
+                contacts: 3,
+                max_displacement: 0.1,
+                strain_energy: 1.0,
+            }
+        }
+    }
+
+    impl PropagationPart for Spring {
+        fn crack(&self) -> GrowthSample {
+            let depth = 4.0 + 0.2 * self.generation as f64;
+            let tips = (0..=30).map(|i| Vec3::new(f64::from(i), 0.0, -depth));
+            GrowthSample {
+                time: 0.0,
+                vertices: vec![],
+                triangles: vec![],
+                kerf: vec![],
+                generation: self.generation,
+                front: vec![],
+                area: 6.0 * self.generation as f64,
+                fragments: 1 + usize::from(self.generation >= 40),
+                severed: self.generation >= 40,
+                tips: tips.collect(),
+            }
+        }
+
+        fn step(&mut self) -> Propagated {
+            let now = self.main_steps.load(Ordering::Relaxed);
+            if now == self.seen {
+                return Propagated::Idle;
+            }
+            self.seen = now;
+            if now % 10 != 0 || self.generation >= 40 {
+                return Propagated::Checked;
+            }
+            self.generation += 1;
+            Propagated::Grown(Box::new(self.crack()))
+        }
+
+        fn fault(&self) -> Option<String> {
+            None
+        }
+    }
+
+    pub fn parts() -> Parts<Spring, Spring, Spring> {
+        let spring = Spring::default();
+        Parts {
+            haptic: spring.clone(),
+            main: spring.clone(),
+            propagation: spring,
+        }
+    }
+
+    pub fn scenario(sets: &[&str]) -> Scenario {
+        let source = Source::Text {
+            name: "test".into(),
+            text: BSSO_RIGHT.into(),
+        };
+        let sets: Vec<_> = sets.iter().map(|s| s.parse().unwrap()).collect();
+        load(&source, &sets, std::path::Path::new("/")).unwrap()
+    }
+
+    pub fn surgeon(scenario: &Scenario) -> Input {
+        let marks = (0..=40).map(|i| Mark {
+            at: Vec3::new(f64::from(i), 0.0, 0.0),
+            toward: -Vec3::z(),
+            depth: 4.0,
+            is_ridge: i <= 30,
+        });
+        Input::built_in(scenario, SplitLine::new(marks.collect()).unwrap()).unwrap()
+    }
+
+    /// Keeps everything.
+    #[derive(Default)]
+    pub struct Kept {
+        pub haptic: Vec<HapticSample>,
+        pub main: Vec<MainSample>,
+        pub growth: Vec<GrowthSample>,
+        pub times: Vec<StepTime>,
+        pub pace: Vec<(Loop, Pace)>,
+    }
+
+    impl Sink for Kept {
+        fn haptic(&mut self, sample: &HapticSample) -> Result<()> {
+            self.haptic.push(*sample);
+            Ok(())
+        }
+        fn main(&mut self, sample: &MainSample) -> Result<()> {
+            self.main.push(*sample);
+            Ok(())
+        }
+        fn growth(&mut self, sample: GrowthSample) -> Result<()> {
+            self.growth.push(sample);
+            Ok(())
+        }
+        fn timing(&mut self, sample: &StepTime, _: bool) -> Result<()> {
+            self.times.push(*sample);
+            Ok(())
+        }
+        fn event(&mut self, _: f64, _: &str) -> Result<()> {
+            Ok(())
+        }
+        fn pace(&mut self, of: Loop, pace: Pace) {
+            self.pace.push((of, pace));
+        }
+    }
+
+    fn in_lockstep(input: Input, scenario: &Scenario) -> Kept {
+        let mut kept = Kept::default();
+        lockstep(parts(), input, scenario, &mut kept, &mut |_, _| {}).unwrap();
+        kept
+    }
+
+    fn bits(kept: &Kept) -> String {
+        format!("{:?} {:?}", kept.haptic, kept.growth)
+    }
+
+    #[test]
+    fn lockstep_interleaves_and_ends_after_the_break() {
+        let scenario = scenario(&[]);
+        let kept = in_lockstep(surgeon(&scenario), &scenario);
+        assert_eq!(kept.growth.last().unwrap().fragments, 2);
+        assert!(kept.haptic.len() < 30_000, "it did not wait for max_time");
+        let expected = kept.haptic.len().div_ceil(20);
+        assert_eq!(kept.main.len(), expected);
+        assert!(
+            (kept.growth[1].time - 0.199).abs() < 1e-12,
+            "the tenth main step"
+        );
+    }
+
+    #[test]
+    fn lockstep_twice_and_replayed_is_the_same_to_the_last_bit() {
+        let scenario = scenario(&["seed=5"]);
+        let [a, b] = [0, 1].map(|_| in_lockstep(surgeon(&scenario), &scenario));
+        assert_eq!(bits(&a), bits(&b));
+        let hands = [0, 1].map(|i| a.haptic.iter().map(|s| s.hands[i]).collect());
+        let replayed = in_lockstep(Input::recorded(&scenario, &hands).unwrap(), &scenario);
+        assert_eq!(bits(&a), bits(&replayed));
+    }
+
+    #[test]
+    fn three_threads_record_every_step_and_keep_the_pace() {
+        let scenario = scenario(&["max_time=0.5"]);
+        let mut kept = Kept::default();
+        realtime(
+            parts(),
+            surgeon(&scenario),
+            &scenario,
+            &mut kept,
+            &mut |_, _| {},
+        )
+        .unwrap();
+        assert_eq!(kept.haptic.len(), 500);
+        assert!(kept.haptic.windows(2).all(|w| w[1].step == w[0].step + 1));
+        assert!(
+            (15..=26).contains(&kept.main.len()),
+            "{} main steps in .5 s",
+            kept.main.len()
+        );
+        let (_, pace) = kept.pace.iter().find(|(l, _)| *l == Loop::Haptic).unwrap();
+        assert_eq!(pace.steps, 500);
+        assert!(
+            pace.seconds > 0.49,
+            "faster than the clock: {}",
+            pace.seconds
+        );
+    }
+
+    #[test]
+    fn a_panic_in_a_loop_ends_the_session_with_an_error() {
+        struct Bad;
+        impl MainPart for Bad {
+            fn step(&mut self) -> MainSample {
+                panic!("on purpose")
+            }
+        }
+        let scenario = scenario(&[]);
+        let Parts {
+            haptic,
+            propagation,
+            ..
+        } = parts();
+        let parts = Parts {
+            haptic,
+            main: Bad,
+            propagation,
+        };
+        let mut kept = Kept::default();
+        let result = realtime(
+            parts,
+            surgeon(&scenario),
+            &scenario,
+            &mut kept,
+            &mut |_, _| {},
+        );
+        assert!(result.err().unwrap().to_string().contains("main loop"));
+    }
+}

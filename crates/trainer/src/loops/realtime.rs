@@ -1,0 +1,306 @@
+use super::exchange::{Looked, RingIn, RingsOut, Shared, Timed, latest, rings};
+use super::lockstep::timed;
+use super::{
+    HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart, Published,
+    Sink, Subscribed, view,
+};
+use crate::input::Input;
+use crate::scenario::Scenario;
+use crate::session::{HapticSample, Loop, MainSample, Pace, StepTime};
+use crate::surgeon::CrackView;
+use anyhow::{Result, anyhow};
+use std::thread::{Builder, ScopedJoinHandle};
+use std::time::{Duration, Instant};
+use thread_priority::{ThreadPriority, set_current_thread_priority};
+
+/// Runs a session from three threads against the clock; this thread records. Gives the parts back.
+///
+/// # Errors
+/// What the sink reports, or that a loop panicked.
+pub fn realtime<H: HapticPart, M: MainPart, P: PropagationPart>(
+    parts: Parts<H, M, P>,
+    input: Input,
+    scenario: &Scenario,
+    sink: &mut impl Sink,
+    progress: Progress,
+) -> Result<Parts<H, M, P>> {
+    let shared = Shared::default();
+    let (rings_in, mut rings_out) = rings();
+    let start = parts.propagation.crack();
+    let (crack_tx, crack_rx) = latest(&view(&start));
+    sink.growth(start)?;
+    let Parts {
+        haptic,
+        main,
+        propagation,
+    } = parts;
+    let haptic = HapticLoop::new(haptic, input, scenario);
+    let period = Duration::from_secs_f64(1.0 / scenario.loops.main_hz);
+    let dt = scenario.loops.dt();
+    std::thread::scope(|scope| {
+        let shared = &shared;
+        let haptic = Builder::new()
+            .name("haptic".into())
+            .spawn_scoped(scope, move || {
+                haptic_loop(haptic, crack_rx, rings_in.haptic, shared)
+            })?;
+        let main = Builder::new()
+            .name("main".into())
+            .spawn_scoped(scope, move || {
+                main_loop(main, rings_in.main, shared, period, dt)
+            });
+        let propagation = Builder::new()
+            .name("propagation".into())
+            .spawn_scoped(scope, move || {
+                propagation_loop(propagation, crack_tx, rings_in.propagation, shared, dt)
+            });
+        // From here on every way out stops the loops first: the scope waits for them.
+        let stop = StopOnDrop(shared);
+        let recorded = record(&mut rings_out, sink, progress, shared, dt);
+        drop(stop);
+        let (haptic, haptic_pace) = join(haptic, "haptic")?;
+        let (main, main_pace) = join(main?, "main")?;
+        let (propagation, propagation_pace) = join(propagation?, "propagation")?;
+        recorded?;
+        drain(&mut rings_out, sink, &mut false)?;
+        report(sink, Loop::Haptic, &haptic_pace, shared, dt)?;
+        report(sink, Loop::Main, &main_pace, shared, dt)?;
+        report(sink, Loop::Propagation, &propagation_pace, shared, dt)?;
+        Ok(Parts {
+            haptic,
+            main,
+            propagation,
+        })
+    })
+}
+
+/// A loop's pace, the samples its full ring dropped, and what went wrong.
+#[derive(Default)]
+struct Account {
+    pace: Pace,
+    dropped: u64,
+    events: Vec<String>,
+}
+
+fn report(sink: &mut impl Sink, of: Loop, a: &Account, shared: &Shared, dt: f64) -> Result<()> {
+    sink.pace(of, a.pace);
+    let time = shared.steps() as f64 * dt;
+    if a.dropped > 0 {
+        sink.event(
+            time,
+            &format!("{of:?} loop: {} samples were not recorded", a.dropped),
+        )?;
+    }
+    for event in &a.events {
+        sink.event(time, event)?;
+    }
+    Ok(())
+}
+
+fn join<T>(handle: ScopedJoinHandle<T>, name: &str) -> Result<T> {
+    handle
+        .join()
+        .map_err(|_| anyhow!("the {name} loop panicked; its message is above"))
+}
+
+/// Whichever loop ends, by whatever way, the others end too.
+struct StopOnDrop<'a>(&'a Shared);
+
+impl Drop for StopOnDrop<'_> {
+    fn drop(&mut self) {
+        self.0.stop();
+    }
+}
+
+/// Paces a loop against absolute deadlines; a deadline that has gone by is counted and not made up for.
+struct Pacer {
+    start: Instant,
+    next: Instant,
+    period: Duration,
+    sleeper: spin_sleep::SpinSleeper,
+    pace: Pace,
+}
+
+impl Pacer {
+    fn new(period: Duration) -> Self {
+        let start = Instant::now();
+        Self {
+            start,
+            next: start + period,
+            period,
+            sleeper: spin_sleep::SpinSleeper::default(),
+            pace: Pace::default(),
+        }
+    }
+
+    /// Ends a step and waits for the next deadline.
+    fn wait(&mut self) {
+        self.pace.steps += 1;
+        let now = Instant::now();
+        if now < self.next {
+            self.sleeper.sleep_until(self.next);
+            self.next += self.period;
+        } else {
+            let late = (now - self.next).as_secs_f64() / self.period.as_secs_f64();
+            self.pace.missed += 1 + late as u64;
+            self.next = now + self.period;
+        }
+        self.pace.seconds = self.start.elapsed().as_secs_f64();
+    }
+}
+
+/// Best effort: without the right to it the loop runs at normal priority.
+fn raise_priority() {
+    let _ = set_current_thread_priority(ThreadPriority::Max);
+}
+
+fn haptic_loop<H: HapticPart>(
+    mut haptic: HapticLoop<H>,
+    mut crack: Subscribed<CrackView>,
+    mut ring: RingIn<Timed<HapticSample>>,
+    shared: &Shared,
+) -> (H, Account) {
+    let _stop = StopOnDrop(shared);
+    raise_priority();
+    let mut pacer = Pacer::new(Duration::from_secs_f64(haptic.dt));
+    while !shared.is_stopping() && !haptic.is_finished() {
+        let (sample, step_us) = timed(|| haptic.tick(crack.read()));
+        shared.count(haptic.next_step);
+        ring.put(Timed { sample, step_us });
+        pacer.wait();
+    }
+    let account = Account {
+        pace: pacer.pace,
+        dropped: ring.n_dropped(),
+        events: haptic.events(),
+    };
+    (haptic.part, account)
+}
+
+fn main_loop<M: MainPart>(
+    mut part: M,
+    mut ring: RingIn<Timed<MainSample>>,
+    shared: &Shared,
+    period: Duration,
+    dt: f64,
+) -> (M, Account) {
+    let _stop = StopOnDrop(shared);
+    let mut pacer = Pacer::new(period);
+    while !shared.is_stopping() {
+        let (mut sample, step_us) = timed(|| part.step());
+        sample.time = shared.steps() as f64 * dt;
+        ring.put(Timed { sample, step_us });
+        pacer.wait();
+    }
+    let account = Account {
+        pace: pacer.pace,
+        dropped: ring.n_dropped(),
+        events: part.fault().into_iter().collect(),
+    };
+    (part, account)
+}
+
+/// How long the propagation loop rests when the main loop has nothing new.
+const REST: Duration = Duration::from_millis(1);
+
+fn propagation_loop<P: PropagationPart>(
+    mut part: P,
+    mut crack: Published<CrackView>,
+    mut ring: RingIn<Timed<Looked>>,
+    shared: &Shared,
+    dt: f64,
+) -> (P, Account) {
+    let _stop = StopOnDrop(shared);
+    let start = Instant::now();
+    let mut pace = Pace::default();
+    while !shared.is_stopping() {
+        let (propagated, step_us) = timed(|| part.step());
+        let growth = match propagated {
+            Propagated::Idle => {
+                std::thread::sleep(REST);
+                continue;
+            }
+            Propagated::Checked => None,
+            Propagated::Grown(growth) => Some(growth),
+        };
+        pace.steps += 1;
+        if let Some(growth) = &growth {
+            crack.write(view(growth));
+        }
+        let time = shared.steps() as f64 * dt;
+        ring.put(Timed {
+            sample: Looked { time, growth },
+            step_us,
+        });
+    }
+    pace.seconds = start.elapsed().as_secs_f64();
+    let account = Account {
+        pace,
+        dropped: ring.n_dropped(),
+        events: part.fault().into_iter().collect(),
+    };
+    (part, account)
+}
+
+/// Drains the rings until the loops stop.
+fn record(
+    rings: &mut RingsOut,
+    sink: &mut impl Sink,
+    progress: Progress,
+    shared: &Shared,
+    dt: f64,
+) -> Result<()> {
+    let mut severed = false;
+    while !shared.is_stopping() {
+        drain(rings, sink, &mut severed)?;
+        progress(shared.steps() as f64 * dt, severed);
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    Ok(())
+}
+
+/// Takes out what is in the rings.
+fn drain(rings: &mut RingsOut, sink: &mut impl Sink, severed: &mut bool) -> Result<()> {
+    while let Ok(Timed { sample, step_us }) = rings.propagation.pop() {
+        let Looked { time, growth } = sample;
+        let grew = growth.is_some();
+        if let Some(mut growth) = growth {
+            growth.time = time;
+            *severed = growth.severed;
+            sink.growth(*growth)?;
+        }
+        sink.timing(
+            &StepTime {
+                time,
+                of: Loop::Propagation,
+                step_us,
+            },
+            grew,
+        )?;
+    }
+    while let Ok(Timed { sample, step_us }) = rings.haptic.pop() {
+        sink.haptic(&sample)?;
+        let time = sample.time;
+        sink.timing(
+            &StepTime {
+                time,
+                of: Loop::Haptic,
+                step_us,
+            },
+            false,
+        )?;
+    }
+    while let Ok(Timed { sample, step_us }) = rings.main.pop() {
+        sink.main(&sample)?;
+        let time = sample.time;
+        sink.timing(
+            &StepTime {
+                time,
+                of: Loop::Main,
+                step_us,
+            },
+            false,
+        )?;
+    }
+    Ok(())
+}

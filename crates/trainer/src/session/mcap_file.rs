@@ -1,0 +1,314 @@
+//! `session.mcap`: JSON channels with schemas, chunked, zstd.
+use super::sample::{GrowthSample, HandSample, HapticSample, MainSample, StepTime, Wire};
+use anyhow::{Context, Result, bail};
+use mcap::records::MessageHeader;
+use osteotome_mechanics::geometry::Pose;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::Path;
+
+/// Channel, schema name, JSON schema's properties.
+const CHANNELS: [(&str, &str, &str); 7] = [
+    ("/haptic/left", "osteotome.hand/1", HAND),
+    ("/haptic/right", "osteotome.hand/1", HAND),
+    (
+        "/main",
+        "osteotome.main/1",
+        include_str!("schemas/main.json"),
+    ),
+    (
+        "/crack",
+        "osteotome.crack/1",
+        include_str!("schemas/crack.json"),
+    ),
+    (
+        "/timing",
+        "osteotome.timing/1",
+        include_str!("schemas/timing.json"),
+    ),
+    (
+        "/event",
+        "osteotome.event/1",
+        include_str!("schemas/event.json"),
+    ),
+    (
+        "/scenario",
+        "osteotome.scenario/1",
+        include_str!("schemas/scenario.json"),
+    ),
+];
+
+const HAND: &str = include_str!("schemas/hand.json");
+
+/// What `/scenario` holds.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ScenarioMessage {
+    /// The whole scenario, overrides applied, paths absolute.
+    pub scenario: crate::scenario::Scenario,
+    /// Digest of the bone built from it.
+    pub patient_digest: String,
+    /// `realtime` or `lockstep`.
+    pub mode: String,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Event {
+    event: String,
+}
+
+/// Writes the recording; one message a call.
+pub struct RecordingWriter {
+    writer: mcap::Writer<BufWriter<File>>,
+    channels: [u16; CHANNELS.len()],
+    sequence: [u32; CHANNELS.len()],
+    json: Vec<u8>,
+}
+
+impl RecordingWriter {
+    /// Starts a file with the scenario as its first message.
+    ///
+    /// # Errors
+    /// Whatever the file system says.
+    pub fn create(path: &Path, first: &ScenarioMessage) -> Result<Self> {
+        let file = File::create(path).with_context(|| path.display().to_string())?;
+        let mut writer = mcap::WriteOptions::new()
+            .compression(Some(mcap::Compression::Zstd))
+            .compression_threads(0)
+            .library(concat!("osteotome ", env!("CARGO_PKG_VERSION")))
+            .create(BufWriter::new(file))?;
+        let mut channels = [0; CHANNELS.len()];
+        for (id, (topic, name, schema)) in channels.iter_mut().zip(CHANNELS) {
+            let schema = writer.add_schema(name, "jsonschema", schema.as_bytes())?;
+            *id = writer.add_channel(schema, topic, "json", &BTreeMap::new())?;
+        }
+        let mut this = Self {
+            writer,
+            channels,
+            sequence: [0; CHANNELS.len()],
+            json: Vec::new(),
+        };
+        this.put(6, 0.0, first)?;
+        Ok(this)
+    }
+
+    fn put(&mut self, channel: usize, time: f64, message: &impl Serialize) -> Result<()> {
+        self.json.clear();
+        serde_json::to_writer(&mut self.json, message)?;
+        let log_time = (time * 1e9).round() as u64;
+        let header = MessageHeader {
+            channel_id: self.channels[channel],
+            sequence: self.sequence[channel],
+            log_time,
+            publish_time: log_time,
+        };
+        self.sequence[channel] += 1;
+        self.writer.write_to_known_channel(&header, &self.json)?;
+        Ok(())
+    }
+
+    /// Both hands.
+    ///
+    /// # Errors
+    /// Whatever the file system says; likewise below.
+    pub fn haptic(&mut self, sample: &HapticSample) -> Result<()> {
+        for (i, hand) in sample.hands.iter().enumerate() {
+            self.put(i, sample.time, &hand.to_wire())?;
+        }
+        Ok(())
+    }
+
+    /// A main step.
+    pub fn main(&mut self, sample: &MainSample) -> Result<()> {
+        self.put(2, sample.time, sample)
+    }
+
+    /// A growth step.
+    pub fn growth(&mut self, sample: &GrowthSample) -> Result<()> {
+        self.put(3, sample.time, sample)
+    }
+
+    /// How long a step took.
+    pub fn timing(&mut self, sample: &StepTime) -> Result<()> {
+        self.put(4, sample.time, sample)
+    }
+
+    /// Something worth knowing.
+    pub fn event(&mut self, time: f64, event: &str) -> Result<()> {
+        let event = event.to_owned();
+        self.put(5, time, &Event { event })
+    }
+
+    /// Writes the summary section and closes the file.
+    pub fn finish(mut self) -> Result<()> {
+        self.writer.finish()?;
+        Ok(())
+    }
+}
+
+/// A recording read back.
+pub struct Recording {
+    /// Its first message.
+    pub scenario: ScenarioMessage,
+    /// Left and right hand, step by step.
+    pub hands: [Vec<HandSample>; 2],
+    /// Main steps.
+    pub main: Vec<MainSample>,
+    /// Growth steps.
+    pub growth: Vec<GrowthSample>,
+}
+
+impl Recording {
+    /// Reads a whole file.
+    ///
+    /// # Errors
+    /// One line: what is wrong with the file.
+    pub fn read(path: &Path) -> Result<Self> {
+        let name = path.display();
+        let bytes = std::fs::read(path)
+            .map_err(|e| anyhow::anyhow!("{name}: {e}; give the path of a session.mcap"))?;
+        if !bytes.starts_with(mcap::MAGIC) {
+            bail!("{name}: not an MCAP file; give the path of a session.mcap");
+        }
+        let damaged = || format!("{name}: the file is damaged; record the session again");
+        let stream = mcap::MessageStream::new(&bytes).with_context(damaged)?;
+        let mut scenario = None;
+        let mut hands = [vec![], vec![]];
+        let (mut main, mut growth) = (vec![], vec![]);
+        for message in stream {
+            let message = message.with_context(damaged)?;
+            let topic = message.channel.topic.as_str();
+            let bad =
+                || format!("{name}: a message on {topic} is not as in an osteotome recording");
+            let seconds = message.log_time as f64 * 1e-9;
+            match topic {
+                "/haptic/left" | "/haptic/right" => {
+                    let form = serde_json::from_slice(&message.data).with_context(bad)?;
+                    hands[usize::from(topic == "/haptic/right")].push(HandSample::from_wire(&form));
+                }
+                "/main" => {
+                    let sample: MainSample =
+                        serde_json::from_slice(&message.data).with_context(bad)?;
+                    main.push(MainSample {
+                        time: seconds,
+                        ..sample
+                    });
+                }
+                "/crack" => {
+                    let sample: GrowthSample =
+                        serde_json::from_slice(&message.data).with_context(bad)?;
+                    growth.push(GrowthSample {
+                        time: seconds,
+                        ..sample
+                    });
+                }
+                "/scenario" => {
+                    scenario = Some(serde_json::from_slice(&message.data).with_context(bad)?);
+                }
+                _ => {}
+            }
+        }
+        let Some(scenario) = scenario else {
+            bail!("{name}: there is no /scenario message; give a recording made by osteotome");
+        };
+        if hands[0].is_empty() || hands[0].len() != hands[1].len() {
+            bail!(
+                "{name}: {} left and {} right hand samples; both hands must be recorded alike",
+                hands[0].len(),
+                hands[1].len()
+            );
+        }
+        Ok(Self {
+            scenario,
+            hands,
+            main,
+            growth,
+        })
+    }
+}
+
+impl Recording {
+    /// Both hands, step by step of `dt` \[s\].
+    pub fn haptic(&self, dt: f64) -> impl Iterator<Item = HapticSample> {
+        let [left, right] = &self.hands;
+        left.iter()
+            .zip(right)
+            .zip(0u64..)
+            .map(move |((l, r), step)| HapticSample {
+                step,
+                time: step as f64 * dt,
+                hands: [*l, *r],
+            })
+    }
+
+    /// Where the devices were at the beginning.
+    pub fn start(&self) -> [Pose; 2] {
+        [0, 1].map(|i| self.hands[i][0].device_pose)
+    }
+
+    /// How long it lasts \[s\].
+    pub fn seconds(&self, scenario: &crate::scenario::Scenario) -> f64 {
+        self.hands[0].len() as f64 * scenario.loops.dt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::sample::{Loop, tests::hand};
+    use super::*;
+    use crate::scenario::{BSSO_RIGHT, Source, load};
+
+    #[test]
+    fn a_recording_reads_back_as_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("session.mcap");
+        let source = Source::Text {
+            name: "test".into(),
+            text: BSSO_RIGHT.into(),
+        };
+        let first = ScenarioMessage {
+            scenario: load(&source, &[], Path::new("/")).unwrap(),
+            patient_digest: "abc".into(),
+            mode: "lockstep".into(),
+        };
+        let mut writer = RecordingWriter::create(&path, &first).unwrap();
+        for step in 0..100u32 {
+            let time = f64::from(step) * 1e-3;
+            let hands = [hand(f64::from(step) / 7.0), hand(-0.3)];
+            writer
+                .haptic(&HapticSample {
+                    step: step.into(),
+                    time,
+                    hands,
+                })
+                .unwrap();
+            writer
+                .timing(&StepTime {
+                    time,
+                    of: Loop::Haptic,
+                    step_us: 12.5,
+                })
+                .unwrap();
+        }
+        writer.event(0.1, "done").unwrap();
+        writer.finish().unwrap();
+        let back = Recording::read(&path).unwrap();
+        assert_eq!(back.scenario.patient_digest, "abc");
+        assert_eq!(back.hands[0].len(), 100);
+        assert_eq!(
+            format!("{:?}", back.hands[0][99]),
+            format!("{:?}", hand(99.0 / 7.0))
+        );
+    }
+
+    #[test]
+    fn what_is_no_recording_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.mcap");
+        let error = |path: &Path| format!("{:#}", Recording::read(path).err().unwrap());
+        assert!(error(&path).contains("x.mcap: No such file"));
+        std::fs::write(&path, "hello").unwrap();
+        assert!(error(&path).contains("not an MCAP file"));
+    }
+}

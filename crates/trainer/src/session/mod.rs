@@ -1,0 +1,14 @@
+//! What a session leaves behind: samples, the recording, the figures, the folder.
+mod files;
+mod folder;
+mod mcap_file;
+mod metrics;
+mod recorder;
+mod sample;
+
+pub use files::{CrackMesh, FinalBone, write_crack, write_final_bone};
+pub use folder::SessionFolder;
+pub use mcap_file::{Recording, ScenarioMessage};
+pub use metrics::{LoopFigures, Metrics, Outcome, Pace};
+pub use recorder::Recorder;
+pub use sample::{FrontPoint, GrowthSample, HandSample, HapticSample, Loop, MainSample, StepTime};

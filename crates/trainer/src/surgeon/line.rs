@@ -1,0 +1,178 @@
+use osteotome_mechanics::geometry::{Pose, Vec3};
+
+/// One point of the pre-sawn line, as the surgeon sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Mark {
+    /// On the bone's surface \[mm\].
+    pub at: Vec3,
+    /// Unit vector into the bone.
+    pub toward: Vec3,
+    /// Depth of the slit \[mm\].
+    pub depth: f64,
+    /// Whether it belongs to the ridge part.
+    pub is_ridge: bool,
+}
+
+/// A line too short to put a chisel into.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the osteotomy line has no two points apart from each other")]
+pub struct NoLine;
+
+/// The osteotomy's own frame: arc length along the line, depth into the bone, and across.
+#[derive(Clone, Debug)]
+pub struct SplitLine {
+    marks: Vec<Mark>,
+    arc: Vec<f64>,
+    ridge: [f64; 2],
+    ridge_direction: Vec3,
+}
+
+impl SplitLine {
+    /// Measures the line. Where no point is marked as ridge, the whole line counts as one.
+    ///
+    /// # Errors
+    /// [`NoLine`].
+    pub fn new(marks: Vec<Mark>) -> Result<Self, NoLine> {
+        let mut arc = Vec::with_capacity(marks.len());
+        let mut length = 0.0;
+        for (i, mark) in marks.iter().enumerate() {
+            length += (mark.at - marks[i.saturating_sub(1)].at).norm();
+            arc.push(length);
+        }
+        if !(length > 0.0) {
+            return Err(NoLine);
+        }
+        let first = marks.iter().position(|m| m.is_ridge);
+        let last = marks.iter().rposition(|m| m.is_ridge);
+        let ridge = match (first, last) {
+            (Some(a), Some(b)) if b > a => [arc[a], arc[b]],
+            _ => [0.0, length],
+        };
+        let on_ridge = |s: &f64| (ridge[0]..=ridge[1]).contains(s);
+        let on_it = marks.iter().zip(&arc).filter(|(_, s)| on_ridge(s));
+        let ridge_direction = on_it.map(|(m, _)| m.toward).sum::<Vec3>().try_normalize(1e-9).unwrap_or(marks[0].toward);
+        Ok(Self {
+            marks,
+            arc,
+            ridge,
+            ridge_direction,
+        })
+    }
+
+    /// Arc length at a share of the ridge.
+    pub fn on_ridge(&self, share: f64) -> f64 {
+        self.ridge[0] + share * (self.ridge[1] - self.ridge[0])
+    }
+
+    /// Arc length of the whole line \[mm\].
+    pub fn length(&self) -> f64 {
+        self.arc[self.arc.len() - 1]
+    }
+
+    /// Arc length of the mark nearest to a place.
+    pub fn nearest(&self, place: &Vec3) -> f64 {
+        let mut best = (f64::INFINITY, 0.0);
+        for (mark, s) in self.marks.iter().zip(&self.arc) {
+            let d = (mark.at - place).norm_squared();
+            if d < best.0 {
+                best = (d, *s);
+            }
+        }
+        best.1
+    }
+
+    /// Position, direction into the bone and depth of the slit at arc length `s`.
+    pub fn mark(&self, s: f64) -> Mark {
+        let upper = self
+            .arc
+            .partition_point(|a| *a <= s)
+            .clamp(1, self.arc.len() - 1);
+        let (a, b) = (&self.marks[upper - 1], &self.marks[upper]);
+        let span = self.arc[upper] - self.arc[upper - 1];
+        let w = if span > 0.0 {
+            ((s - self.arc[upper - 1]) / span).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
+        Mark {
+            at: a.at.lerp(&b.at, w),
+            toward: a
+                .toward
+                .lerp(&b.toward, w)
+                .try_normalize(1e-9)
+                .unwrap_or(a.toward),
+            depth: a.depth + w * (b.depth - a.depth),
+            is_ridge: a.is_ridge && b.is_ridge,
+        }
+    }
+
+    /// The frame of a blade of this width at `s`: origin on the surface, +z into the bone, x along the line, y across it.
+    ///
+    /// On the ridge +z is the ridge's mean direction, so that two blades there are parallel and their shafts do not meet;
+    /// beyond its ends it turns to the line's own over 5 mm.
+    pub fn frame(&self, s: f64, width: f64) -> Pose {
+        const TURN: f64 = 5.0;
+        let half = 0.5 * width;
+        let here = self.mark(s);
+        let beyond = (self.ridge[0] - s).max(s - self.ridge[1]).max(0.0);
+        let mean = self.ridge_direction.lerp(&here.toward, (beyond / TURN).min(1.0));
+        let z = mean.try_normalize(1e-9).unwrap_or(here.toward);
+        let ahead = self.mark((s + half).min(self.length())).at;
+        let behind = self.mark((s - half).max(0.0)).at;
+        let along = (ahead - behind) - z * z.dot(&(ahead - behind));
+        let x = along.try_normalize(1e-9).unwrap_or_else(|| any_across(&z));
+        let axes = nalgebra::Matrix3::from_columns(&[x, z.cross(&x), z]);
+        let rotation = nalgebra::Rotation3::from_matrix_unchecked(axes);
+        Pose::from_parts(
+            here.at.into(),
+            nalgebra::UnitQuaternion::from_rotation_matrix(&rotation),
+        )
+    }
+}
+
+fn any_across(z: &Vec3) -> Vec3 {
+    let other = if z.x.abs() < 0.9 {
+        Vec3::x()
+    } else {
+        Vec3::y()
+    };
+    (other - z * z.dot(&other)).normalize()
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// Along x, 40 mm, into -z; the ridge is the first 30 mm.
+    pub fn straight() -> SplitLine {
+        let marks = (0..=40).map(|i| Mark {
+            at: Vec3::new(f64::from(i), 0.0, 0.0),
+            toward: -Vec3::z(),
+            depth: 4.0,
+            is_ridge: i <= 30,
+        });
+        SplitLine::new(marks.collect()).unwrap()
+    }
+
+    #[test]
+    fn the_frame_points_into_the_bone_with_the_blade_along_the_line() {
+        let frame = straight().frame(10.0, 10.0);
+        assert!((frame.translation.vector - Vec3::new(10.0, 0.0, 0.0)).norm() < 1e-12);
+        assert!((frame.rotation * Vec3::z() + Vec3::z()).norm() < 1e-12);
+        assert!((frame.rotation * Vec3::x() - Vec3::x()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn places_and_shares_are_measured_along_the_line() {
+        let line = straight();
+        assert!((line.on_ridge(0.5) - 15.0).abs() < 1e-12);
+        assert!((line.nearest(&Vec3::new(33.2, 5.0, -9.0)) - 33.0).abs() < 1e-12);
+        assert!((line.mark(7.5).at.x - 7.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_single_point_is_no_line() {
+        let mark = straight().mark(1.0);
+        assert_eq!(SplitLine::new(vec![mark, mark]).unwrap_err(), NoLine);
+    }
+}

@@ -1,0 +1,563 @@
+//! The built-in surgeon: target poses for two hands, out of what can be seen and felt.
+//!
+//! Seen: the crack front and whether the bone is apart ([`CrackView`]). Felt: the displayed wrenches. Both chisels go into
+//! the line, twist in opposite directions, follow the crack down, are driven as wedges where it stands still, and one is
+//! moved along the line to where the bone still holds. On the break the surgeon goes on for a reaction time, then
+//! relaxes and withdraws. Nothing here allocates: it runs in the haptic loop.
+mod line;
+
+pub use line::{Mark, SplitLine};
+
+use crate::scenario;
+use osteotome_devices::Wrench;
+use osteotome_mechanics::geometry::{Pose, Vec3};
+
+/// What the surgeon sees of the crack.
+#[derive(Clone, Debug, Default)]
+pub struct CrackView {
+    /// Grows by one with every growth step.
+    pub generation: u64,
+    /// Whether the split is complete.
+    pub severed: bool,
+    /// Where the bone still holds: the front's vertices inside it \[mm\].
+    pub front: Vec<Vec3>,
+}
+
+/// What one hand is about.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Task {
+    /// Coming down to the slit.
+    Approach,
+    /// Going into it.
+    Insert,
+    /// Twisting and driving after the crack.
+    Split,
+    /// Untwisting and coming out, to go to another place on the line.
+    Withdraw { to: f64 },
+    /// Going there, outside the bone.
+    Move { to: f64 },
+}
+
+/// What the surgeon is about.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    Splitting,
+    /// Noticed a break; goes on until `until`.
+    Reacting {
+        until: f64,
+    },
+    /// Felt a break, sees none: holds still and looks.
+    Looking {
+        until: f64,
+    },
+    Relaxing {
+        until: f64,
+    },
+    Done,
+}
+
+/// One hand's place in the osteotomy's frame.
+#[derive(Clone, Copy, Debug)]
+struct Hand {
+    task: Task,
+    /// Arc length on the line \[mm\].
+    s: f64,
+    /// Tip below the surface \[mm\].
+    depth: f64,
+    /// About the blade's own axis \[rad\].
+    twist: f64,
+    /// Sense of its twist.
+    sense: f64,
+    /// Driven ahead of where it would follow \[mm\].
+    bite: f64,
+    /// Time of its last progress \[s\].
+    progress: f64,
+    /// Largest torque felt of late \[N mm\].
+    torque_peak: f64,
+}
+
+/// Clearance above the bone when moving along the line, and between two blades \[mm\].
+const CLEARANCE: f64 = 2.0;
+/// One more bite of the wedge \[mm\].
+const BITE: f64 = 1.0;
+/// Front vertices this far along the line belong to a blade's neighbourhood \[mm\], beside half its width.
+const NEIGHBOURHOOD: f64 = 4.0;
+/// A torque that falls below this share of its recent peak is a break felt.
+const LOSS: f64 = 0.35;
+/// Below this share of the device's limit a torque tells nothing.
+const TELLING: f64 = 0.25;
+/// Recent: the peak fades with this time \[s\].
+const FADING: f64 = 0.3;
+/// How long the surgeon looks after a break that was felt but not seen \[s\].
+const LOOK: f64 = 0.2;
+
+/// The state machine.
+#[derive(Clone, Debug)]
+pub struct BuiltInSurgeon {
+    habits: scenario::Surgeon,
+    line: SplitLine,
+    width: [f64; 2],
+    limits: [scenario::Limits; 2],
+    dt: f64,
+    time: f64,
+    phase: Phase,
+    hands: [Hand; 2],
+    generation: u64,
+    last_growth: f64,
+}
+
+impl BuiltInSurgeon {
+    /// A surgeon above the line of this scenario, varied by its seed.
+    pub fn new(scenario: &scenario::Scenario, line: SplitLine) -> Self {
+        let mut dice = Dice(scenario.seed);
+        let mut habits = scenario.surgeon.clone();
+        for amount in [
+            &mut habits.approach_speed,
+            &mut habits.drive_speed,
+            &mut habits.twist_rate_deg,
+            &mut habits.reaction_time,
+        ] {
+            *amount *= 1.0 + scenario.surgeon.variation * dice.roll();
+        }
+        let width = [0, 1].map(|i| scenario.tool[i].chisel.width);
+        let start = apart(&line, habits.stations, 0.5 * (width[0] + width[1]) + CLEARANCE);
+        let hand = |i: usize| Hand {
+            task: Task::Approach,
+            s: start[i],
+            depth: -habits.approach_distance,
+            twist: 0.0,
+            sense: [1.0, -1.0][i],
+            bite: 0.0,
+            progress: 0.0,
+            torque_peak: 0.0,
+        };
+        Self {
+            hands: [hand(0), hand(1)],
+            width,
+            limits: [0, 1].map(|i| scenario.tool[i].limits.clone()),
+            dt: scenario.loops.dt(),
+            time: 0.0,
+            phase: Phase::Splitting,
+            generation: 0,
+            last_growth: 0.0,
+            habits,
+            line,
+        }
+    }
+
+    /// Where the hands want to be now.
+    pub fn targets(&self) -> [Pose; 2] {
+        [0, 1].map(|i| self.target(i))
+    }
+
+    fn target(&self, i: usize) -> Pose {
+        let hand = &self.hands[i];
+        let frame = self.line.frame(hand.s, self.width[i]);
+        let twist = nalgebra::UnitQuaternion::from_scaled_axis(Vec3::z() * hand.twist);
+        frame * Pose::from_parts(Vec3::new(0.0, 0.0, hand.depth).into(), twist)
+    }
+
+    /// Whether the hands have been withdrawn after the break.
+    pub fn is_done(&self) -> bool {
+        self.phase == Phase::Done
+    }
+
+    /// Advances by one haptic step, having seen `crack` and felt `wrenches` (as displayed).
+    pub fn step(&mut self, crack: &CrackView, wrenches: &[Wrench; 2]) {
+        self.time += self.dt;
+        if crack.generation != self.generation {
+            self.generation = crack.generation;
+            self.last_growth = self.time;
+            self.hands.iter_mut().for_each(|h| h.bite = 0.0);
+        }
+        let felt_loss = self.feel(wrenches);
+        self.phase = self.next_phase(crack, felt_loss);
+        match self.phase {
+            Phase::Splitting | Phase::Reacting { .. } => self.work(crack, wrenches),
+            Phase::Relaxing { .. } => self.relax(),
+            Phase::Looking { .. } | Phase::Done => {}
+        }
+    }
+
+    fn feel(&mut self, wrenches: &[Wrench; 2]) -> bool {
+        let keep = 1.0 - self.dt / FADING;
+        let mut lost = 0;
+        for ((hand, wrench), limits) in self.hands.iter_mut().zip(wrenches).zip(&self.limits) {
+            let torque = wrench.torque.norm();
+            hand.torque_peak = torque.max(hand.torque_peak * keep);
+            let telling = hand.torque_peak > TELLING * limits.torque;
+            let twisting = hand.task == Task::Split;
+            lost += usize::from(twisting && telling && torque < LOSS * hand.torque_peak);
+        }
+        lost == 2
+    }
+
+    fn next_phase(&mut self, crack: &CrackView, felt_loss: bool) -> Phase {
+        let (now, broken) = (self.time, crack.severed);
+        match self.phase {
+            Phase::Splitting if broken || felt_loss => Phase::Reacting {
+                until: now + self.habits.reaction_time,
+            },
+            Phase::Reacting { until } if now >= until && broken => Phase::Relaxing {
+                until: now + self.habits.relax_time,
+            },
+            Phase::Reacting { until } if now >= until => Phase::Looking { until: now + LOOK },
+            Phase::Looking { .. } if broken => Phase::Relaxing {
+                until: now + self.habits.relax_time,
+            },
+            Phase::Looking { until } if now >= until => {
+                self.hands.iter_mut().for_each(|h| h.torque_peak = 0.0);
+                Phase::Splitting
+            }
+            Phase::Relaxing { until } if now >= until => Phase::Done,
+            phase => phase,
+        }
+    }
+
+    fn work(&mut self, crack: &CrackView, wrenches: &[Wrench; 2]) {
+        for (i, wrench) in wrenches.iter().enumerate() {
+            let before = self.hands[i];
+            match before.task {
+                Task::Approach => self.approach(i),
+                Task::Insert => self.insert(i, wrench),
+                Task::Split => self.split(i, crack, wrench),
+                Task::Withdraw { to } => self.withdraw(i, to),
+                Task::Move { to } => self.go(i, to),
+            }
+        }
+        self.unstick(crack, wrenches);
+    }
+
+    fn approach(&mut self, i: usize) {
+        let step = self.habits.approach_speed * self.dt;
+        let hand = &mut self.hands[i];
+        if toward(&mut hand.depth, 0.0, step) {
+            hand.task = Task::Insert;
+            hand.progress = self.time;
+        }
+    }
+
+    fn insert(&mut self, i: usize, wrench: &Wrench) {
+        let goal = self.first_depth(i);
+        let arrived = self.drive(i, goal, wrench);
+        let stuck = self.time - self.hands[i].progress > self.habits.stall_time;
+        if arrived || stuck {
+            self.hands[i].task = Task::Split;
+            self.last_growth = self.time;
+        }
+    }
+
+    fn first_depth(&self, i: usize) -> f64 {
+        self.habits.insert_depth * self.line.mark(self.hands[i].s).depth
+    }
+
+    /// Deeper by at most one step, as long as the force allows it.
+    fn drive(&mut self, i: usize, goal: f64, wrench: &Wrench) -> bool {
+        let allowed = wrench.force.norm() < self.habits.force_share * self.limits[i].force;
+        let step = self.habits.drive_speed * self.dt;
+        let hand = &mut self.hands[i];
+        if hand.depth >= goal {
+            return true;
+        }
+        if allowed {
+            hand.progress = self.time;
+            return toward(&mut hand.depth, goal, step);
+        }
+        false
+    }
+
+    fn split(&mut self, i: usize, crack: &CrackView, wrench: &Wrench) {
+        let rate = self.habits.twist_rate_deg.to_radians() * self.dt;
+        let most = self.habits.twist_max_deg.to_radians();
+        let both = self.hands.iter().all(|h| h.task == Task::Split);
+        if both {
+            let hand = &mut self.hands[i];
+            toward(&mut hand.twist, hand.sense * most, rate);
+        }
+        let follow = self.crack_depth(i, crack) - self.habits.behind_front;
+        let goal = follow.max(self.first_depth(i)) + self.hands[i].bite;
+        self.drive(i, goal.min(self.habits.max_depth), wrench);
+    }
+
+    /// How deep the crack goes below this blade, in its driving direction \[mm\]: the least of the front there.
+    fn crack_depth(&self, i: usize, crack: &CrackView) -> f64 {
+        let frame = self.line.frame(self.hands[i].s, self.width[i]);
+        let reach = 0.5 * self.width[i] + NEIGHBOURHOOD;
+        let near = crack.front.iter().filter_map(|p| {
+            let local = frame.inverse_transform_vector(&(p - frame.translation.vector));
+            (local.x.abs() < reach && local.z > 0.0).then_some(local.z)
+        });
+        near.fold(None, |least: Option<f64>, z| {
+            Some(least.map_or(z, |l| l.min(z)))
+        })
+        .unwrap_or(0.0)
+    }
+
+    fn withdraw(&mut self, i: usize, to: f64) {
+        let turn = 2.0 * self.habits.twist_rate_deg.to_radians() * self.dt;
+        let step = self.habits.approach_speed * self.dt;
+        let hand = &mut self.hands[i];
+        if toward(&mut hand.twist, 0.0, turn) && toward(&mut hand.depth, -CLEARANCE, step) {
+            hand.task = Task::Move { to };
+        }
+    }
+
+    fn go(&mut self, i: usize, to: f64) {
+        let step = self.habits.approach_speed * self.dt;
+        let hand = &mut self.hands[i];
+        if toward(&mut hand.s, to, step) {
+            hand.task = Task::Approach;
+        }
+    }
+
+    /// Where nothing has moved for a while under full twist: bite deeper; where that is used up, move a chisel.
+    fn unstick(&mut self, crack: &CrackView, wrenches: &[Wrench; 2]) {
+        if !self.hands.iter().all(|h| h.task == Task::Split) {
+            return;
+        }
+        let most = self.habits.twist_max_deg.to_radians();
+        let strained = [0, 1].into_iter().any(|i| {
+            self.hands[i].twist.abs() >= most
+                || wrenches[i].torque.norm() > 0.9 * self.limits[i].torque
+        });
+        if !strained || self.time - self.last_growth < self.habits.stall_time {
+            return;
+        }
+        self.last_growth = self.time;
+        if self.hands.iter().any(|h| h.bite < self.habits.wedge) {
+            for hand in &mut self.hands {
+                hand.bite = (hand.bite + BITE).min(self.habits.wedge);
+            }
+        } else {
+            self.move_to_ligament(crack);
+        }
+    }
+
+    /// The chisel nearer to what still holds goes there; where it is there already, the other one comes beside it.
+    fn move_to_ligament(&mut self, crack: &CrackView) {
+        self.hands.iter_mut().for_each(|h| h.bite = 0.0);
+        let n = crack.front.len();
+        if n == 0 {
+            return;
+        }
+        let middle = crack.front.iter().sum::<Vec3>() / n as f64;
+        let goal = self.line.nearest(&middle);
+        let gap = |i: usize| (self.hands[i].s - goal).abs();
+        let nearer = usize::from(gap(1) < gap(0));
+        let apart = 0.5 * (self.width[0] + self.width[1]) + CLEARANCE;
+        let (mover, to) = if gap(nearer) > 2.0 {
+            (nearer, goal)
+        } else {
+            let side = (self.hands[1 - nearer].s - self.hands[nearer].s).signum();
+            (1 - nearer, self.hands[nearer].s + side * apart)
+        };
+        let to = to.clamp(0.0, self.line.length());
+        let clear = (to - self.hands[1 - mover].s).abs() >= apart - 1e-9;
+        if clear && (to - self.hands[mover].s).abs() > 2.0 {
+            self.hands[mover].task = Task::Withdraw { to };
+        }
+    }
+
+    fn relax(&mut self) {
+        let turn = self.habits.twist_max_deg.to_radians() / self.habits.relax_time * 2.0 * self.dt;
+        let step = self.habits.approach_speed * self.dt;
+        for hand in &mut self.hands {
+            if toward(&mut hand.twist, 0.0, turn) {
+                toward(&mut hand.depth, -self.habits.approach_distance, step);
+            }
+        }
+    }
+}
+
+/// The stations on the ridge, moved apart evenly until blades this far from middle to middle do not touch.
+fn apart(line: &SplitLine, shares: [f64; 2], spacing: f64) -> [f64; 2] {
+    let [a, b] = shares.map(|share| line.on_ridge(share));
+    let short = 0.5 * (spacing - (b - a).abs()).max(0.0) * if b < a { -1.0 } else { 1.0 };
+    [a - short, b + short].map(|s| s.clamp(0.0, line.length()))
+}
+
+/// Moves `value` to `goal` by at most `step`; says whether it is there.
+fn toward(value: &mut f64, goal: f64, step: f64) -> bool {
+    let gap = goal - *value;
+    if gap.abs() <= step {
+        *value = goal;
+        true
+    } else {
+        *value += step.copysign(gap);
+        false
+    }
+}
+
+/// splitmix64 (Steele, Lea, Flood 2014): small, seeded, the same on every machine.
+struct Dice(u64);
+
+impl Dice {
+    /// Evenly from [-1, 1).
+    fn roll(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^= z >> 31;
+        (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::{BSSO_RIGHT, Source, load};
+
+    fn surgeon(seed: u64) -> BuiltInSurgeon {
+        let source = Source::Text {
+            name: "test".into(),
+            text: BSSO_RIGHT.into(),
+        };
+        let set = format!("seed={seed}").parse().unwrap();
+        let scenario = load(&source, &[set], std::path::Path::new("/")).unwrap();
+        BuiltInSurgeon::new(&scenario, line::tests::straight())
+    }
+
+    /// A bone whose crack front is at one depth all along and moves down while the blades are twisted far enough.
+    struct FakeBone {
+        view: CrackView,
+        depth: f64,
+        stops_at: f64,
+        breaks_at: f64,
+    }
+
+    impl FakeBone {
+        fn new(stops_at: f64, breaks_at: f64) -> Self {
+            let mut bone = Self {
+                view: CrackView::default(),
+                depth: 4.0,
+                stops_at,
+                breaks_at,
+            };
+            bone.place();
+            bone
+        }
+
+        fn place(&mut self) {
+            let depth = self.depth;
+            let front = (0..=40).filter(|i| depth < self.stops_at || *i > 34);
+            self.view.front = front
+                .map(|i| Vec3::new(f64::from(i), 0.0, -depth))
+                .collect();
+        }
+
+        fn step(&mut self, surgeon: &BuiltInSurgeon) -> [Wrench; 2] {
+            let twisted = surgeon.hands.iter().all(|h| h.twist.abs() > 0.2);
+            if twisted && self.depth < self.stops_at {
+                self.depth += 0.01;
+                self.view.generation += 1;
+                self.place();
+            }
+            if self.depth >= self.breaks_at {
+                self.view.severed = true;
+            }
+            let torque = if self.view.severed { 0.0 } else { 100.0 };
+            [0, 1].map(|i| Wrench {
+                force: Vec3::zeros(),
+                torque: Vec3::z() * (torque * surgeon.hands[i].twist),
+            })
+        }
+    }
+
+    fn run(surgeon: &mut BuiltInSurgeon, bone: &mut FakeBone, seconds: f64) -> f64 {
+        let mut wrenches = [Wrench::default(); 2];
+        let mut before = surgeon.targets();
+        for k in 0..(seconds * 1000.0) as usize {
+            surgeon.step(&bone.view, &wrenches);
+            wrenches = bone.step(surgeon);
+            let now = surgeon.targets();
+            for i in 0..2 {
+                let moved = (now[i].translation.vector - before[i].translation.vector).norm();
+                assert!(moved < 0.05, "a jump of {moved} mm at step {k}");
+                assert!(now[i].rotation.angle_to(&before[i].rotation) < 0.01);
+            }
+            before = now;
+            if surgeon.is_done() {
+                return k as f64 * 1e-3;
+            }
+        }
+        f64::INFINITY
+    }
+
+    #[test]
+    fn splits_a_bone_that_gives_way_and_withdraws() {
+        let (mut surgeon, mut bone) = (surgeon(0), FakeBone::new(15.0, 14.0));
+        let end = run(&mut surgeon, &mut bone, 20.0);
+        assert!(end < 20.0);
+        assert!(
+            surgeon
+                .hands
+                .iter()
+                .all(|h| h.twist == 0.0 && h.depth < 0.0)
+        );
+    }
+
+    #[test]
+    fn goes_in_before_it_twists_and_twists_against_each_other() {
+        let (mut surgeon, mut bone) = (surgeon(0), FakeBone::new(30.0, 40.0));
+        let mut wrenches = [Wrench::default(); 2];
+        for _ in 0..4000 {
+            surgeon.step(&bone.view, &wrenches);
+            wrenches = bone.step(&surgeon);
+            let [left, right] = &surgeon.hands;
+            if left.twist != 0.0 || right.twist != 0.0 {
+                assert!(left.depth >= 3.6 - 1e-9 && right.depth >= 3.6 - 1e-9);
+                assert!(left.twist * right.twist <= 0.0);
+            }
+        }
+        assert!(surgeon.hands[0].twist > 0.3);
+    }
+
+    #[test]
+    fn tips_stay_behind_the_front_while_it_moves() {
+        let (mut surgeon, mut bone) = (surgeon(0), FakeBone::new(18.0, 40.0));
+        let mut wrenches = [Wrench::default(); 2];
+        while bone.depth < 17.0 {
+            surgeon.step(&bone.view, &wrenches);
+            wrenches = bone.step(&surgeon);
+            let allowed = (bone.depth - surgeon.habits.behind_front).max(3.6);
+            assert!(surgeon.hands.iter().all(|h| h.depth <= allowed + 1e-9));
+        }
+        assert!(surgeon.hands[0].depth > 8.0, "it followed");
+    }
+
+    #[test]
+    fn bites_and_then_moves_a_chisel_to_what_still_holds() {
+        let (mut surgeon, mut bone) = (surgeon(0), FakeBone::new(10.0, 40.0));
+        run(&mut surgeon, &mut bone, 20.0);
+        let goal = 37.0; // the middle of the front that is left
+        assert!(
+            surgeon.hands.iter().any(|h| (h.s - goal).abs() < 2.0),
+            "{:?}",
+            surgeon.hands
+        );
+    }
+
+    #[test]
+    fn reacts_to_the_break_within_its_reaction_time() {
+        let (mut surgeon, mut bone) = (surgeon(3), FakeBone::new(15.0, 14.0));
+        let mut wrenches = [Wrench::default(); 2];
+        let mut broken_at = None;
+        while !matches!(surgeon.phase, Phase::Relaxing { .. }) {
+            surgeon.step(&bone.view, &wrenches);
+            wrenches = bone.step(&surgeon);
+            if bone.view.severed {
+                broken_at.get_or_insert(surgeon.time);
+            }
+        }
+        let reaction = surgeon.time - broken_at.unwrap();
+        assert!((0.1..0.15).contains(&reaction), "{reaction} s");
+    }
+
+    #[test]
+    fn seeds_differ_and_repeat() {
+        let end = |seed| run(&mut surgeon(seed), &mut FakeBone::new(15.0, 14.0), 20.0).to_bits();
+        assert_eq!(end(7), end(7));
+        assert_ne!(end(7), end(8));
+    }
+}
