@@ -120,7 +120,7 @@ fn stuff_graded(
         max: middle + half,
     };
     let size = Lattice::size_around(&bounds, how.spacing);
-    if !(size < MAX_LATTICE) {
+    if size.is_nan() || size >= MAX_LATTICE {
         let reason = format!(
             "a spacing of {:.3} mm needs {size:.2e} lattice points; ask for fewer nodes",
             how.spacing
@@ -472,7 +472,7 @@ fn fit(body: &Body, target: usize, mut how: Stuffing) -> Result<Trial, AnatomyEr
         let farthest = left_out.iter().copied().fold(0.0, f64::max);
         let good = (GOOD_REACH[0] * how.spacing).max(GOOD_REACH[1]);
         let trial = Trial {
-            cost: handles + flat + (farthest / good).max(misfit(&tets, body, target)),
+            cost: 3.0 * handles + flat + (farthest / good).max(misfit(&tets, body, target)),
             tets,
             how: used,
             farthest,
