@@ -2,10 +2,10 @@
 mod support;
 
 use osteotome_mechanics::contact::{
-    Anchors, Candidates, Contact, ContactLaw, Response, append_point_forces, penetrations, respond,
-    respond_pair,
+    Anchors, Candidates, Contact, ContactLaw, PointOrigin, PointShell, Response, ShellPoint,
+    append_point_forces, penetrations, respond, respond_pair,
 };
-use osteotome_mechanics::geometry::{Pose, Vec3};
+use osteotome_mechanics::geometry::{Pose, TetLocator, Vec3};
 use osteotome_mechanics::tool::ToolModel;
 use support::{Block, aside, downward, model, moved, noise};
 
@@ -326,4 +326,50 @@ fn the_pairs_wrenches_are_minus_the_gradient_of_the_energy() {
             "{k}"
         );
     }
+}
+
+/// A blade that has run ahead of the crack, 0.05 mm off its middle: both faces of the new crack must be pushed apart, each
+/// into its own bone, though half of the points lie beyond the blade's middle plane. As surface points they would not be.
+#[test]
+fn a_blade_ahead_of_the_crack_pushes_both_walls_apart() {
+    let mut block = Block::still(2);
+    let mesh = &block.mesh.clone();
+    let locator = TetLocator::new(mesh);
+    let wall = |side: f64, known: bool| {
+        let locator = &locator;
+        (0..20).flat_map(move |i| {
+            (0..4).map(move |j| {
+                let position = Vec3::new(-3.8 + 0.4 * f64::from(i), 0.0, -0.2 - 0.2 * f64::from(j));
+                let (tet, weights) = locator.find(mesh, &position).unwrap();
+                // `side` is where the wall's own bone lies; the normal points out of it.
+                let normal = Vec3::y() * -side;
+                ShellPoint {
+                    position,
+                    tet,
+                    weights: weights.map(|w| w as f32),
+                    area: 0.08,
+                    origin: if known {
+                        PointOrigin::Wall { normal }
+                    } else {
+                        PointOrigin::Surface
+                    },
+                }
+            })
+        })
+    };
+    let model = model(0.0);
+    let pose = downward(Vec3::new(0.0, 0.05, -1.0), Vec3::zeros());
+    let mut push = |side: f64, known: bool| {
+        let points: Vec<_> = wall(side, known).collect();
+        let cells: Vec<u32> = points.iter().map(|p| p.tet).collect();
+        block.shell = PointShell::group(&points, &cells, block.mesh.tets().len());
+        block.volumes.update(&block.shell, &block.deformation);
+        let found = contacts(&model, &block, &pose);
+        assert_eq!(found.len(), 80);
+        forces(&found, &model.law, &block, &pose)
+    };
+    for side in [1.0, -1.0] {
+        assert!(push(side, true).iter().all(|f| f.force.y * side > 0.0));
+    }
+    assert!(push(1.0, false).iter().all(|f| f.force.y < 0.0));
 }

@@ -66,8 +66,7 @@ fn no_allocation_and_no_output_beyond_the_limits() {
         let output = assert_no_alloc(|| run(&mut state, &model, &block, devices));
         assert_eq!(violation_count(), 0, "allocated in step {step}");
         assert_eq!(output.fault, None);
-        for t in 0..2 {
-            let [told, before] = [output.device[t], last[t]];
+        for (t, (told, before)) in output.device.iter().zip(&last).enumerate() {
             assert!(told.force.norm() <= 3.3 + 1e-9 && told.torque.norm() <= 188.0 + 1e-9);
             assert!((told.force - before.force).norm() <= 0.5 + 1e-9);
             assert!((told.torque - before.torque).norm() <= 20.0 + 1e-9);

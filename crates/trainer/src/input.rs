@@ -4,6 +4,7 @@ use crate::session::HandSample;
 use crate::surgeon::{BuiltInSurgeon, CrackView, SplitLine};
 use anyhow::Result;
 use osteotome_devices::{HapticDevice, Reading, RecordedHand, SimulatedHand, Wrench};
+use osteotome_mechanics::geometry::Pose;
 
 /// Two hands. Everything here runs in the haptic loop: no allocation, no wait, no log.
 pub enum Input {
@@ -18,6 +19,7 @@ pub struct BuiltIn {
     surgeon: BuiltInSurgeon,
     hands: [SimulatedHand; 2],
     felt: [Wrench; 2],
+    seen: [Pose; 2],
 }
 
 impl Input {
@@ -34,6 +36,7 @@ impl Input {
             hands: [hand(0)?, hand(1)?],
             surgeon,
             felt: [Wrench::default(); 2],
+            seen: start,
         })))
     }
 
@@ -63,7 +66,7 @@ impl Input {
     /// Lets the hands' owner look at the crack and decide.
     pub fn plan(&mut self, crack: &CrackView) {
         if let Self::BuiltIn(b) = self {
-            b.surgeon.step(crack, &b.felt);
+            b.surgeon.step(crack, &b.seen, &b.felt);
             for (hand, target) in b.hands.iter_mut().zip(b.surgeon.targets()) {
                 hand.follow(target);
             }
@@ -78,11 +81,12 @@ impl Input {
         }
     }
 
-    /// Displays both wrenches; says how many devices reported a fault (and displayed zero).
-    pub fn write(&mut self, wrenches: &[Wrench; 2]) -> u32 {
+    /// Displays both wrenches and shows the chisels; says how many devices reported a fault (and displayed zero).
+    pub fn write(&mut self, wrenches: &[Wrench; 2], tools: &[Pose; 2]) -> u32 {
         match self {
             Self::BuiltIn(b) => {
                 b.felt = *wrenches;
+                b.seen = *tools;
                 write_all(&mut b.hands, wrenches)
             }
             Self::Recorded(hands) => write_all(hands.as_mut(), wrenches),

@@ -1,4 +1,5 @@
-use super::{BoundingVolumes, PointShell, RigidShape, point_shell::CellPoints};
+use super::point_shell::{BLOCK, BlockExtent, BlockPoints};
+use super::{BoundingVolumes, PointShell, RigidShape};
 use crate::geometry::{Aabb, DistanceSample, Pose, Vec3};
 use nalgebra::Matrix3x4;
 
@@ -49,10 +50,6 @@ pub struct Candidates {
 const SLICES: usize = 5;
 /// Rounding of f32 at the coordinates of a head \[mm\].
 const ROUNDING: f32 = 1e-3;
-/// How far the interpolated distance may lie below the true one \[mm\]: the spacing of the grids in use.
-const FIELD_ERROR: f32 = 0.5;
-/// Points per transformed block: fits the first-level cache.
-const BLOCK: usize = 64;
 
 impl Candidates {
     /// Room for `n_cells` near cells; more are left out.
@@ -128,7 +125,7 @@ fn box_in_world(b: &Aabb, world_from_shape: &Pose) -> Aabb {
 }
 
 /// Collects the bone's points inside a shape, by ascending cell, then place. Returns how many found no room in `contacts`,
-/// which keeps its capacity: this neither allocates nor waits, and visits each point of the candidate cells once.
+/// which keeps its capacity: this neither allocates nor waits, and visits each point of the candidate cells once at most.
 pub fn penetrations(
     shape: &RigidShape,
     world_from_shape: &Pose,
@@ -140,10 +137,7 @@ pub fn penetrations(
     let shape_from_world = world_from_shape.inverse();
     let mut n_dropped = 0;
     for &c in &candidates.cells {
-        let (Some(points), Some(d)) = (
-            scene.shell.cell(c as usize),
-            scene.deformation.get(c as usize),
-        ) else {
+        let Some(d) = scene.deformation.get(c as usize) else {
             continue;
         };
         let m = shape_from_cell(&shape_from_world, d);
@@ -152,11 +146,16 @@ pub fn penetrations(
         }
         let cell = CellQuery {
             shape,
+            lengths: [0, 1, 2, 3].map(|k| (m.column(k) - m.column(0)).norm()),
             m: &m,
             cell: c,
             shape_from_world: &shape_from_world,
         };
-        n_dropped += cell.collect(&points, contacts);
+        for block in scene.shell.blocks(c as usize) {
+            if !cell.is_away(block.extent) {
+                n_dropped += cell.collect(&block, contacts);
+            }
+        }
     }
     n_dropped
 }
@@ -182,51 +181,64 @@ fn cell_is_away(shape: &RigidShape, m: &Matrix3x4<f32>) -> bool {
         return true;
     }
     let centre = m.column_mean();
-    let far = |radius2: f32, d: f32| d > FIELD_ERROR && (d - FIELD_ERROR).powi(2) > radius2;
-    shape.field.look_up(centre.into()).is_some_and(|s| {
-        let radius2 = m
-            .column_iter()
-            .fold(0.0f32, |r, p| r.max((p - centre).norm_squared()));
-        far(radius2, s.distance)
-    })
+    let radius2 = m
+        .column_iter()
+        .fold(0.0f32, |r, p| r.max((p - centre).norm_squared()));
+    ball_is_away(shape, centre.into(), radius2.sqrt())
+}
+
+/// Whether no point of a ball can be inside the shape.
+fn ball_is_away(shape: &RigidShape, centre: [f32; 3], radius: f32) -> bool {
+    let beside = (0..3).any(|k| {
+        centre[k] + radius < shape.bounds.min[k] as f32 - ROUNDING
+            || centre[k] - radius > shape.bounds.max[k] as f32 + ROUNDING
+    });
+    // The distance to a convex body is convex, so that interpolation only ever adds to it, and only here does it mislead.
+    let away = |s: DistanceSample| s.distance > radius + shape.field.error_bound();
+    beside || shape.field.look_up(centre).is_some_and(away)
 }
 
 struct CellQuery<'a> {
     shape: &'a RigidShape,
     m: &'a Matrix3x4<f32>,
+    /// Of the edges from the first node to each.
+    lengths: [f32; 4],
     cell: u32,
     shape_from_world: &'a Pose,
 }
 
 impl CellQuery<'_> {
-    fn collect(&self, points: &CellPoints, contacts: &mut Vec<Contact>) -> usize {
+    fn is_away(&self, extent: &BlockExtent) -> bool {
+        let centre = self.m * nalgebra::Vector4::from(extent.centre);
+        let radius: f32 = (0..4).map(|k| extent.reach[k] * self.lengths[k]).sum();
+        ball_is_away(self.shape, centre.into(), radius + ROUNDING)
+    }
+
+    fn collect(&self, points: &BlockPoints, contacts: &mut Vec<Contact>) -> usize {
         let mut n_dropped = 0;
-        let n = points.ids.len();
         let mut q = [[0.0f32; BLOCK]; 3];
-        for start in (0..n).step_by(BLOCK) {
-            let block = start..n.min(start + BLOCK);
-            transform(self.m, points.weights.map(|w| &w[block.clone()]), &mut q);
-            for (i, k) in block.enumerate() {
-                let position = [q[0][i], q[1][i], q[2][i]];
-                let Some(sample) = self.inside(position, &points.normals[k]) else {
-                    continue;
-                };
-                if contacts.len() == contacts.capacity() {
-                    n_dropped += 1;
-                    continue;
-                }
-                contacts.push(Contact {
-                    cell: self.cell,
-                    place: (points.first + k) as u32,
-                    id: points.ids[k],
-                    area: points.areas[k],
-                    depth: -sample.distance,
-                    gradient: sample.gradient,
-                    position,
-                    friction: [0.0; 3],
-                    anchor: position,
-                });
+        transform(self.m, points.weights, &mut q);
+        let [x, y, z] = &q;
+        let positions = x.iter().zip(y).zip(z).map(|((x, y), z)| [*x, *y, *z]);
+        for (k, position) in positions.enumerate().take(points.ids.len()) {
+            let Some(sample) = self.inside(position, &points.normals[k]) else {
+                continue;
+            };
+            if contacts.len() == contacts.capacity() {
+                n_dropped += 1;
+                continue;
             }
+            contacts.push(Contact {
+                cell: self.cell,
+                place: (points.first + k) as u32,
+                id: points.ids[k],
+                area: points.areas[k],
+                depth: -sample.distance,
+                gradient: sample.gradient,
+                position,
+                friction: [0.0; 3],
+                anchor: position,
+            });
         }
         n_dropped
     }
@@ -234,10 +246,7 @@ impl CellQuery<'_> {
     fn inside(&self, position: [f32; 3], normal: &[f32; 3]) -> Option<DistanceSample> {
         let plain = self.shape.field.look_up(position)?;
         // NaN is not inside.
-        if !(plain.distance < 0.0) {
-            return None;
-        }
-        Some(self.on_own_side(position, normal).unwrap_or(plain))
+        (plain.distance < 0.0).then(|| self.on_own_side(position, normal).unwrap_or(plain))
     }
 
     /// For a point of a wall that looks at a side of a blade: how deep it is behind that side.

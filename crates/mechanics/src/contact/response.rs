@@ -22,7 +22,7 @@ pub enum ContactLawError {
 }
 
 impl Default for ContactLaw {
-    /// 500 N/mm per mm2, friction 0.3 (wet bone on steel).
+    /// 500 N/mm per mm2, friction 0.3: both assumed, not measured.
     fn default() -> Self {
         Self {
             stiffness: 500.0,
@@ -34,7 +34,7 @@ impl Default for ContactLaw {
 
 impl ContactLaw {
     /// `stiffness` \[N/mm per mm2 of touching area = MPa/mm\], `friction` coefficient mu.
-    /// The tangential spring is half as stiff as the normal one, as for steel on bone in elastic contact.
+    /// The tangential spring is half as stiff as the normal one: a choice, not a measurement.
     ///
     /// # Errors
     /// [`ContactLawError`] unless the stiffness is positive and friction within 0..2.
@@ -171,7 +171,7 @@ impl Share {
     fn cling(&mut self, anchor: &Vec3, law: &ContactLaw, spring: f64) {
         self.anchor = *anchor;
         let steepness = self.gradient.norm();
-        if !(steepness > 1e-3) {
+        if steepness < 1e-3 {
             return;
         }
         let normal = self.gradient / steepness;

@@ -9,7 +9,7 @@ pub struct SurfaceSample {
     pub area: f64,
 }
 
-/// A rigid body as contact sees it, in its own frame; constant.
+/// A convex rigid body as contact sees it, in its own frame; constant.
 #[derive(Clone, Debug)]
 pub struct RigidShape {
     /// Signed distance.

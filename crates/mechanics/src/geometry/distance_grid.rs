@@ -40,6 +40,7 @@ pub struct DistanceGrid {
     stride_z: usize,
     values: Vec<f32>,
     bounds: Aabb,
+    error_bound: f32,
 }
 
 impl DistanceGrid {
@@ -73,6 +74,7 @@ impl DistanceGrid {
             stride_z: (cells[0] + 1) * (cells[1] + 1),
             values: fill(&bounds.min, &step, cells, distance)?,
             bounds,
+            error_bound: (0.5 * step.norm()) as f32,
         })
     }
 
@@ -86,21 +88,24 @@ impl DistanceGrid {
     pub fn look_up(&self, p: [f32; 3]) -> Option<DistanceSample> {
         let [ox, oy, oz] = self.origin;
         let [sx, sy, sz] = self.inverse_spacing;
-        let t = [(p[0] - ox) * sx, (p[1] - oy) * sy, (p[2] - oz) * sz];
+        let (x, y, z) = ((p[0] - ox) * sx, (p[1] - oy) * sy, (p[2] - oz) * sz);
+        let [nx, ny, nz] = self.n_cells;
         // Written so that NaN fails.
-        if !(0..3).all(|k| t[k] >= 0.0 && t[k] < self.n_cells[k]) {
+        if !(x >= 0.0 && y >= 0.0 && z >= 0.0 && x < nx && y < ny && z < nz) {
             return None;
         }
-        let cell = t.map(|v| v as usize);
-        let [x, y, z] = [0, 1, 2].map(|k| t[k] - cell[k] as f32);
-        let first = cell[0] + cell[1] * self.stride_y + cell[2] * self.stride_z;
-        let row = |offset: usize| self.values.get(first + offset..first + offset + 2);
-        let (a, b) = (row(0)?, row(self.stride_y)?);
-        let (c, d) = (row(self.stride_z)?, row(self.stride_z + self.stride_y)?);
+        let (i, j, k) = (x as usize, y as usize, z as usize);
+        let (x, y, z) = (x - i as f32, y - j as f32, z - k as f32);
+        let first = i + j * self.stride_y + k * self.stride_z;
+        // The four edges along x, at low and high y and z.
+        let [a0, a1] = self.pair(first)?;
+        let [b0, b1] = self.pair(first + self.stride_y)?;
+        let [c0, c1] = self.pair(first + self.stride_z)?;
+        let [d0, d1] = self.pair(first + self.stride_z + self.stride_y)?;
         // Along x, then y, then z; each with its difference.
         let lerp = |lo: f32, hi: f32, w: f32| lo + (hi - lo) * w;
-        let [ax, bx, cx, dx] = [a, b, c, d].map(|r| r[1] - r[0]);
-        let [a, b, c, d] = [a, b, c, d].map(|r| lerp(r[0], r[1], x));
+        let (ax, bx, cx, dx) = (a1 - a0, b1 - b0, c1 - c0, d1 - d0);
+        let (a, b, c, d) = (a0 + ax * x, b0 + bx * x, c0 + cx * x, d0 + dx * x);
         let (low, high) = (lerp(a, b, y), lerp(c, d, y));
         Some(DistanceSample {
             distance: lerp(low, high, z),
@@ -110,6 +115,17 @@ impl DistanceGrid {
                 (high - low) * sz,
             ],
         })
+    }
+
+    #[inline]
+    fn pair(&self, first: usize) -> Option<[f32; 2]> {
+        let pair = self.values.get(first..first + 2)?;
+        Some([pair[0], pair[1]])
+    }
+
+    /// How far interpolation may lie off \[mm\]: half a cell's diagonal, since no distance changes faster than its point moves.
+    pub fn error_bound(&self) -> f32 {
+        self.error_bound
     }
 
     /// Distance from `p` to the grid's box \[mm\]: 0 inside; outside no surface in the grid is nearer.

@@ -195,8 +195,8 @@ pub fn haptic_step(
     }
     state.scratch.commit(&mut state.anchors);
     let bone = result.coupling.map(|w| -w);
-    for t in 0..2 {
-        state.last[t] = model.limits[t].output(&bone[t], &state.last[t], input.dt);
+    for ((told, limits), pull) in state.last.iter_mut().zip(&model.limits).zip(&bone) {
+        *told = limits.output(pull, told, input.dt);
     }
     HapticOutput {
         device: state.last,

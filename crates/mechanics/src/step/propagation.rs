@@ -13,7 +13,7 @@ pub struct PropagationSettings {
 
 impl Default for PropagationSettings {
     fn default() -> Self {
-        Self { ligament_edges: 16 }
+        Self { ligament_edges: 8 }
     }
 }
 
@@ -138,6 +138,9 @@ pub fn propagation_step(
     Ok((Some(next), report))
 }
 
+/// Largest area that tears as a whole, in squared element sizes: about that of the integrals' domain.
+const LARGEST_LIGAMENT: f64 = 3.0;
+
 /// The last ligament between the ends, and its energy release rate over its toughness if it tears as a whole.
 ///
 /// A ligament of a few edges is smaller than the domain of any integral. Its release is computed by finite fracture: cut it,
@@ -179,8 +182,14 @@ fn ligament(
         b.system.solve(&mut x, &mut b.system.scratch(1));
         f.iter().zip(&x).map(|(f, x)| f * x).sum::<f64>()
     };
+    let area = torn.crack_area() - bone.crack_area();
+    // Whatever is larger than the domain of the integrals is a crack front's business, not a ligament's.
+    let h = body.lengths.h;
+    if !(0.0..LARGEST_LIGAMENT * h * h).contains(&area) {
+        return Ok(None);
+    }
     let (before, after) = (work(bone), work(&torn));
-    let area = (torn.crack_area() - bone.crack_area()).max(1e-6);
+    let area = area.max(1e-3 * h * h);
     let toughness =
         edges.iter().map(|&e| edge_toughness(bone, e)).sum::<f64>() / edges.len() as f64;
     let released = if after > before {

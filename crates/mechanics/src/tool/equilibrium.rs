@@ -287,11 +287,8 @@ impl<'a> Solve<'a> {
             return false;
         }
         let step = self.step(&idle);
-        for t in 0..2 {
+        for t in (0..2).filter(|&t| !idle[t]) {
             let pose = moved(&self.scratch.now[t].pose, &self.motion(&step, t));
-            if idle[t] {
-                continue;
-            }
             if self.has_left(t, &pose) {
                 self.gather(t, &pose);
             }
@@ -336,47 +333,54 @@ impl<'a> Solve<'a> {
 
     /// Whether the trial of the `tools` together is better than where they are; adapts their radii.
     fn judge(&mut self, tools: [bool; 2], step: &Vector12, pair: Option<&PairResponse>) -> bool {
-        let members = || (0..2).filter(|&t| tools[t]);
-        let (mut gain, mut scale) = (0.0, 0.0);
-        let none = PairResponse::NONE;
-        let pair = [&self.scratch.pair, pair.unwrap_or(&none)];
-        gain += pair[0].energy - pair[1].energy;
-        let (mut before, mut after) = (0.0, 0.0);
-        for t in members() {
-            let (now, trial) = (&self.scratch.now[t], &self.scratch.trial[t]);
-            let friction = now.response.friction.to_vector() + trial.response.friction.to_vector();
-            let work = 0.5 * friction.dot(&self.motion(step, t));
-            gain += now.energy() - trial.energy() + work;
-            scale += now.energy();
-            before += self
-                .scaled(&(now.wrench() + pair[0].wrenches[t]))
-                .norm_squared();
-            after += self
-                .scaled(&(trial.wrench() + pair[1].wrenches[t]))
-                .norm_squared();
-        }
-        let hoped = self.predicted_gain(tools, step);
-        let noise = ENERGY_NOISE * (1.0 + scale);
-        let better = gain >= 1e-4 * hoped && gain.is_finite();
-        let settled = gain >= -noise && after < before;
-        for t in members() {
+        let verdict = self.compare(tools, step, pair);
+        for t in (0..2).filter(|&t| tools[t]) {
             let length = part(step, t).norm();
-            if !(better || settled) {
-                self.radius[t] = 0.3 * length;
-            } else if gain > 0.5 * hoped && length > 0.9 * self.radius[t] {
-                self.radius[t] = (2.0 * self.radius[t]).min(self.settings.max_step);
-            }
+            self.radius[t] = match verdict {
+                Verdict::Better => (4.0 * length).clamp(self.radius[t], self.settings.max_step),
+                Verdict::Settled => self.radius[t],
+                Verdict::Worse { shorten } => shorten * length,
+            };
         }
-        better || settled
+        !matches!(verdict, Verdict::Worse { .. })
     }
 
-    /// `f p - 1/2 p H p` of the tools' blocks.
-    fn predicted_gain(&self, tools: [bool; 2], step: &Vector12) -> f64 {
+    fn compare(&self, tools: [bool; 2], step: &Vector12, pair: Option<&PairResponse>) -> Verdict {
+        let none = PairResponse::NONE;
+        let [old_pair, new_pair] = [&self.scratch.pair, pair.unwrap_or(&none)];
         let mut p = *step;
+        let (mut before, mut after) = (Vector12::zeros(), Vector12::zeros());
+        let mut gain = old_pair.energy - new_pair.energy;
+        let mut noise = 1e-9;
         for t in (0..2).filter(|&t| !tools[t]) {
             p.fixed_rows_mut::<6>(6 * t).fill(0.0);
         }
-        self.forces().dot(&p) - 0.5 * p.dot(&(self.stiffness() * p))
+        for t in (0..2).filter(|&t| tools[t]) {
+            let (now, trial) = (&self.scratch.now[t], &self.scratch.trial[t]);
+            let friction = now.response.friction + trial.response.friction;
+            let work = 0.5 * friction.to_vector().dot(&self.motion(step, t));
+            gain += now.energy() - trial.energy() + work;
+            noise += DEPTH_ROUNDING * trial.response.total().force.norm();
+            let put = |sum: &mut Vector12, e: &Evaluation, pair: &PairResponse| {
+                let wrench = self.scaled(&(e.wrench() + pair.wrenches[t]));
+                sum.fixed_rows_mut::<6>(6 * t).copy_from(&wrench);
+            };
+            put(&mut before, now, old_pair);
+            put(&mut after, trial, new_pair);
+        }
+        let slope = before.dot(&p);
+        let curvature = p.dot(&(self.stiffness() * p));
+        let hoped = slope - 0.5 * curvature;
+        if gain.is_finite() && gain >= 0.1 * hoped {
+            Verdict::Better
+        } else if gain >= -noise && after.norm_squared() < before.norm_squared() {
+            Verdict::Settled
+        } else {
+            let surplus = [hoped - gain, slope - curvature - after.dot(&p)];
+            Verdict::Worse {
+                shorten: onset(slope, curvature, surplus),
+            }
+        }
     }
 
     fn step(&self, idle: &[bool; 2]) -> Vector12 {
@@ -504,8 +508,36 @@ impl<'a> Solve<'a> {
     }
 }
 
-/// Rounding of contact energies, whose depths are f32, relative to the energy.
-const ENERGY_NOISE: f64 = 1e-6;
+/// What the f32 depths of contacts are off by at the coordinates of a head \[mm\].
+const DEPTH_ROUNDING: f64 = 1e-5;
+
+/// How a trial compares with where the tools are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Verdict {
+    /// A fair share of the hoped-for energy was gained.
+    Better,
+    /// As good in energy, as far as rounding tells, and nearer to balance.
+    Settled,
+    /// Try this share of the step.
+    Worse { shorten: f64 },
+}
+
+/// Which share of a step to try next, when its end was stiffer than where it began.
+///
+/// The usual reason is a contact that begins on the way. Along the step the model's energy is `-slope a + curvature a^2/2`; a
+/// contact from `a_0` on adds `K (a - a_0)^2 / 2`, and both are known from what it added to energy and slope at `a = 1`
+/// (`surplus`). The answer is the lowest point of the two together.
+fn onset(slope: f64, curvature: f64, surplus: [f64; 2]) -> f64 {
+    let [energy, steepness] = surplus;
+    let stiffness = 0.5 * steepness * steepness / energy;
+    let begin = (1.0 - 2.0 * energy / steepness).max(0.0);
+    let lowest = (slope + stiffness * begin) / (curvature.max(0.0) + stiffness);
+    if lowest.is_finite() {
+        lowest.clamp(0.02, 0.7)
+    } else {
+        0.1
+    }
+}
 
 impl Evaluation {
     fn energy(&self) -> f64 {

@@ -54,8 +54,7 @@ fn factorise(h: &Matrix12, shift: &[f64; 2]) -> Result<Matrix12, BadPivot> {
         let least = 1e-14 * (h[(j, j)].abs() + shift[j / 6]);
         let row = (0..j).map(|k| l[(j, k)] * l[(j, k)]).sum::<f64>();
         let value = h[(j, j)] + shift[j / 6] - row;
-        // Written so that NaN fails.
-        if !(value > least) {
+        if value <= least || value.is_nan() {
             return Err(BadPivot { index: j, value });
         }
         let root = value.sqrt();
@@ -89,16 +88,16 @@ fn solve_factorised(l: &Matrix12, b: &Vector12) -> Vector12 {
 /// Raises the shift of each tool whose step is too long by a Newton step on `1 / |p| = 1 / radius`; whether it raised any.
 fn widen(l: &Matrix12, p: &Vector12, radius: &[f64; 2], shift: &mut [f64; 2]) -> bool {
     let mut raised = false;
-    for t in 0..2 {
+    for (t, radius) in radius.iter().enumerate() {
         let length = p.fixed_rows::<6>(6 * t).norm();
-        if length <= SLACK * radius[t] {
+        if length <= SLACK * radius {
             continue;
         }
         let mut part = Vector12::zeros();
         part.fixed_rows_mut::<6>(6 * t)
             .copy_from(&p.fixed_rows::<6>(6 * t));
         let q2 = forward(l, &part).norm_squared();
-        shift[t] += (length / radius[t] - 1.0) * length * length / q2;
+        shift[t] += (length / radius - 1.0) * length * length / q2;
         raised = true;
     }
     raised
@@ -106,13 +105,13 @@ fn widen(l: &Matrix12, p: &Vector12, radius: &[f64; 2], shift: &mut [f64; 2]) ->
 
 /// Takes off what the slack left over.
 fn clipped(mut p: Vector12, radius: &[f64; 2]) -> Vector12 {
-    for t in 0..2 {
+    for (t, radius) in radius.iter().enumerate() {
         let mut part = p.fixed_rows_mut::<6>(6 * t);
         let length = part.norm();
         if !length.is_finite() {
             part.fill(0.0);
-        } else if length > radius[t] {
-            part *= radius[t] / length;
+        } else if length > *radius {
+            part *= radius / length;
         }
     }
     p
@@ -121,12 +120,12 @@ fn clipped(mut p: Vector12, radius: &[f64; 2]) -> Vector12 {
 /// Along the force: for a matrix that no shift mends.
 fn steepest(f: &Vector12, radius: &[f64; 2]) -> Vector12 {
     let mut p = Vector12::zeros();
-    for t in 0..2 {
+    for (t, radius) in radius.iter().enumerate() {
         let part = f.fixed_rows::<6>(6 * t);
         let length = part.norm();
         if length > 0.0 && length.is_finite() {
             p.fixed_rows_mut::<6>(6 * t)
-                .copy_from(&(part * (radius[t] / length)));
+                .copy_from(&(part * (radius / length)));
         }
     }
     p

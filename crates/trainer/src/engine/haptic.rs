@@ -35,10 +35,10 @@ impl BoneView {
     }
 
     /// Follows to another state, reusing the memory.
-    pub fn update(&mut self, bone: &Bone, state: &BoneState) {
+    pub fn update(&mut self, bone: &Bone, state: &BoneState, volumes: &BoundingVolumes) {
         self.shell.clone_from(&bone.shell);
         self.deformation.clone_from(&state.deformation);
-        self.volumes.update(&bone.shell, &state.deformation);
+        self.volumes.clone_from(volumes);
     }
 
     /// As contact wants it.
@@ -59,14 +59,11 @@ pub struct Haptic {
     hands: Published<HandsView>,
 }
 
-/// Room for points on the faces of the crack that will grow \[mm2 of crack\].
-const CRACK_ROOM: f64 = 6000.0;
-
 impl Haptic {
     pub(super) fn new(
         scenario: &Scenario,
         tools: ToolModel,
-        bone: &Bone,
+        n_ids: usize,
         start: [Pose; 2],
         view: Subscribed<BoneView>,
         hands: Published<HandsView>,
@@ -83,14 +80,13 @@ impl Haptic {
             };
             limits.checked().with_context(|| format!("tool.{i}.limits"))
         };
-        let room = (2.0 * CRACK_ROOM * bone.body.wall_density) as usize;
         Ok(Self {
             model: HapticModel {
                 tools,
                 settings: SolveSettings::HAPTIC,
                 limits: [limits(0)?, limits(1)?],
             },
-            state: HapticState::new(start, bone.points.len() + room, ScratchLimits::default()),
+            state: HapticState::new(start, n_ids, ScratchLimits::default()),
             bone: view,
             hands,
         })

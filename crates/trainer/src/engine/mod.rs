@@ -41,29 +41,31 @@ pub fn connect(prepared: &Prepared, scenario: &Scenario, start: [Pose; 2]) -> Re
         tools: ToolsState { poses: start },
     };
     let (hands_tx, hands_rx) = latest(&at_start);
-    let (state_tx, state_rx) = latest(&propagation::Loaded {
-        serial: 0,
-        bone: bone.clone(),
-        state: state.clone(),
-    });
+    let (state_tx, state_rx) = latest(&propagation::Loaded { serial: 0, state });
     let (bone_tx, bone_rx) = latest(&Arc::clone(bone));
+    let n_ids = bone.points.len() + (2.0 * CRACK_ROOM * bone.body.wall_density) as usize;
+    let ends = main::Ends {
+        hands: hands_rx,
+        grown: bone_rx,
+        to_haptic: bone_view_tx,
+        to_propagation: state_tx,
+    };
     Ok(Parts {
-        haptic: haptic::Haptic::new(scenario, tools.clone(), bone, start, bone_view_rx, hands_tx)?,
-        main: main::Main::new(
-            tools,
-            bone.clone(),
-            state,
-            at_start,
-            main::Ends {
-                hands: hands_rx,
-                grown: bone_rx,
-                to_haptic: bone_view_tx,
-                to_propagation: state_tx,
-            },
-        ),
+        haptic: haptic::Haptic::new(
+            scenario,
+            tools.clone(),
+            n_ids,
+            start,
+            bone_view_rx,
+            hands_tx,
+        )?,
+        main: main::Main::new(tools, bone.clone(), n_ids, ends),
         propagation: propagation::Propagation::new(bone.clone(), state_rx, bone_tx),
     })
 }
+
+/// Room for points on both faces of the crack that will grow \[mm2 of crack\].
+const CRACK_ROOM: f64 = 6000.0;
 
 /// The bone as it ended.
 pub fn final_bone(engine: &Engine) -> FinalBone {

@@ -7,14 +7,12 @@ use osteotome_mechanics::step::{
 };
 use std::sync::Arc;
 
-/// A state with the bone it belongs to.
+/// A state of the bone, numbered.
 #[derive(Clone)]
 pub struct Loaded {
     /// Counts the main steps.
     pub serial: u64,
-    /// The bone.
-    pub bone: Arc<Bone>,
-    /// Its state.
+    /// The state.
     pub state: BoneState,
 }
 
@@ -98,7 +96,21 @@ impl PropagationPart for Propagation {
                 self.grown.write(Arc::clone(&self.bone));
                 Propagated::Grown(Box::new(self.sample(&report)))
             }
-            Ok((None, _)) => Propagated::Checked,
+            Ok((None, r)) => {
+                if std::env::var_os("OSTEO_DEBUG").is_some() && loaded.serial % 10 == 0 {
+                    #[allow(clippy::print_stderr)]
+                    {
+                        eprintln!(
+                            "{} strongest {:.3} fronts {} lig {:?}",
+                            loaded.serial,
+                            r.strongest,
+                            r.fronts.iter().map(Vec::len).sum::<usize>(),
+                            r.ligament
+                        );
+                    }
+                }
+                Propagated::Checked
+            }
             Err(error) => {
                 self.stuck = Some(error.to_string());
                 Propagated::Checked

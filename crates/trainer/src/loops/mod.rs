@@ -125,7 +125,9 @@ impl<H: HapticPart> HapticLoop<H> {
         self.input.plan(crack);
         let readings = self.input.read();
         let output = self.part.step(&readings.map(|r| r.pose), self.dt);
-        self.faults += self.input.write(&output.map(|o| o.wrench));
+        self.faults += self
+            .input
+            .write(&output.map(|o| o.wrench), &output.map(|o| o.tool_pose));
         let step = self.next_step;
         self.next_step += 1;
         HapticSample {

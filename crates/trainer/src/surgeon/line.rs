@@ -50,7 +50,11 @@ impl SplitLine {
         };
         let on_ridge = |s: &f64| (ridge[0]..=ridge[1]).contains(s);
         let on_it = marks.iter().zip(&arc).filter(|(_, s)| on_ridge(s));
-        let ridge_direction = on_it.map(|(m, _)| m.toward).sum::<Vec3>().try_normalize(1e-9).unwrap_or(marks[0].toward);
+        let ridge_direction = on_it
+            .map(|(m, _)| m.toward)
+            .sum::<Vec3>()
+            .try_normalize(1e-9)
+            .unwrap_or(marks[0].toward);
         Ok(Self {
             marks,
             arc,
@@ -115,7 +119,9 @@ impl SplitLine {
         let half = 0.5 * width;
         let here = self.mark(s);
         let beyond = (self.ridge[0] - s).max(s - self.ridge[1]).max(0.0);
-        let mean = self.ridge_direction.lerp(&here.toward, (beyond / TURN).min(1.0));
+        let mean = self
+            .ridge_direction
+            .lerp(&here.toward, (beyond / TURN).min(1.0));
         let z = mean.try_normalize(1e-9).unwrap_or(here.toward);
         let ahead = self.mark((s + half).min(self.length())).at;
         let behind = self.mark((s - half).max(0.0)).at;

@@ -1,6 +1,6 @@
 //! The built-in surgeon: target poses for two hands, out of what can be seen and felt.
 //!
-//! Seen: the crack front and whether the bone is apart ([`CrackView`]). Felt: the displayed wrenches. Both chisels go into
+//! Seen: the chisels, the crack front and whether the bone is apart ([`CrackView`]). Felt: the displayed wrenches. Both chisels go into
 //! the line, twist in opposite directions, follow the crack down, are driven as wedges where it stands still, and one is
 //! moved along the line to where the bone still holds. On the break the surgeon goes on for a reaction time, then
 //! relaxes and withdraws. Nothing here allocates: it runs in the haptic loop.
@@ -62,8 +62,10 @@ struct Hand {
     task: Task,
     /// Arc length on the line \[mm\].
     s: f64,
-    /// Tip below the surface \[mm\].
+    /// Where the hand wants the tip: below the surface \[mm\].
     depth: f64,
+    /// Where the tip is \[mm\].
+    tip: f64,
     /// About the blade's own axis \[rad\].
     twist: f64,
     /// Sense of its twist.
@@ -78,6 +80,10 @@ struct Hand {
 
 /// Clearance above the bone when moving along the line, and between two blades \[mm\].
 const CLEARANCE: f64 = 2.0;
+/// A tip this near to its goal is there \[mm\].
+const ARRIVED: f64 = 0.05;
+/// The hand goes at most this far beyond a goal that the tip does not reach \[mm\].
+const MOST_LAG: f64 = 25.0;
 /// One more bite of the wedge \[mm\].
 const BITE: f64 = 1.0;
 /// Front vertices this far along the line belong to a blade's neighbourhood \[mm\], beside half its width.
@@ -120,11 +126,16 @@ impl BuiltInSurgeon {
             *amount *= 1.0 + scenario.surgeon.variation * dice.roll();
         }
         let width = [0, 1].map(|i| scenario.tool[i].chisel.width);
-        let start = apart(&line, habits.stations, 0.5 * (width[0] + width[1]) + CLEARANCE);
+        let start = apart(
+            &line,
+            habits.stations,
+            0.5 * (width[0] + width[1]) + CLEARANCE,
+        );
         let hand = |i: usize| Hand {
             task: Task::Approach,
             s: start[i],
             depth: -habits.approach_distance,
+            tip: -habits.approach_distance,
             twist: 0.0,
             sense: [1.0, -1.0][i],
             bite: 0.0,
@@ -162,9 +173,13 @@ impl BuiltInSurgeon {
         self.phase == Phase::Done
     }
 
-    /// Advances by one haptic step, having seen `crack` and felt `wrenches` (as displayed).
-    pub fn step(&mut self, crack: &CrackView, wrenches: &[Wrench; 2]) {
+    /// Advances by one haptic step, having seen `crack` and the chisels, and felt `wrenches` (as displayed).
+    pub fn step(&mut self, crack: &CrackView, tools: &[Pose; 2], wrenches: &[Wrench; 2]) {
         self.time += self.dt;
+        for (i, tool) in tools.iter().enumerate() {
+            let frame = self.line.frame(self.hands[i].s, self.width[i]);
+            self.hands[i].tip = (frame.inverse() * tool).translation.z;
+        }
         if crack.generation != self.generation {
             self.generation = crack.generation;
             self.last_growth = self.time;
@@ -251,17 +266,17 @@ impl BuiltInSurgeon {
         self.habits.insert_depth * self.line.mark(self.hands[i].s).depth
     }
 
-    /// Deeper by at most one step, as long as the force allows it.
+    /// Pushes by at most one step until the tip is as deep as `goal`, as long as the force allows it.
     fn drive(&mut self, i: usize, goal: f64, wrench: &Wrench) -> bool {
         let allowed = wrench.force.norm() < self.habits.force_share * self.limits[i].force;
         let step = self.habits.drive_speed * self.dt;
         let hand = &mut self.hands[i];
-        if hand.depth >= goal {
+        if hand.tip >= goal - ARRIVED {
             return true;
         }
-        if allowed {
+        if allowed && hand.depth < goal + MOST_LAG {
             hand.progress = self.time;
-            return toward(&mut hand.depth, goal, step);
+            hand.depth += step;
         }
         false
     }
@@ -468,7 +483,7 @@ mod tests {
         let mut wrenches = [Wrench::default(); 2];
         let mut before = surgeon.targets();
         for k in 0..(seconds * 1000.0) as usize {
-            surgeon.step(&bone.view, &wrenches);
+            surgeon.step(&bone.view, &surgeon.targets(), &wrenches);
             wrenches = bone.step(surgeon);
             let now = surgeon.targets();
             for i in 0..2 {
@@ -502,11 +517,11 @@ mod tests {
         let (mut surgeon, mut bone) = (surgeon(0), FakeBone::new(30.0, 40.0));
         let mut wrenches = [Wrench::default(); 2];
         for _ in 0..4000 {
-            surgeon.step(&bone.view, &wrenches);
+            surgeon.step(&bone.view, &surgeon.targets(), &wrenches);
             wrenches = bone.step(&surgeon);
             let [left, right] = &surgeon.hands;
             if left.twist != 0.0 || right.twist != 0.0 {
-                assert!(left.depth >= 3.6 - 1e-9 && right.depth >= 3.6 - 1e-9);
+                assert!(left.depth >= 3.5 && right.depth >= 3.5);
                 assert!(left.twist * right.twist <= 0.0);
             }
         }
@@ -518,10 +533,10 @@ mod tests {
         let (mut surgeon, mut bone) = (surgeon(0), FakeBone::new(18.0, 40.0));
         let mut wrenches = [Wrench::default(); 2];
         while bone.depth < 17.0 {
-            surgeon.step(&bone.view, &wrenches);
+            surgeon.step(&bone.view, &surgeon.targets(), &wrenches);
             wrenches = bone.step(&surgeon);
             let allowed = (bone.depth - surgeon.habits.behind_front).max(3.6);
-            assert!(surgeon.hands.iter().all(|h| h.depth <= allowed + 1e-9));
+            assert!(surgeon.hands.iter().all(|h| h.depth <= allowed + 0.01));
         }
         assert!(surgeon.hands[0].depth > 8.0, "it followed");
     }
@@ -544,7 +559,7 @@ mod tests {
         let mut wrenches = [Wrench::default(); 2];
         let mut broken_at = None;
         while !matches!(surgeon.phase, Phase::Relaxing { .. }) {
-            surgeon.step(&bone.view, &wrenches);
+            surgeon.step(&bone.view, &surgeon.targets(), &wrenches);
             wrenches = bone.step(&surgeon);
             if bone.view.severed {
                 broken_at.get_or_insert(surgeon.time);
