@@ -1,10 +1,10 @@
 //! Whose hands hold the devices: the built-in surgeon's or recorded ones.
 use crate::scenario::Scenario;
 use crate::session::HandSample;
-use crate::surgeon::{BuiltInSurgeon, CrackView, SplitLine};
+use crate::surgeon::{BuiltInSurgeon, CrackView, Sight, SplitLine};
 use anyhow::Result;
 use osteotome_devices::{HapticDevice, Reading, RecordedHand, SimulatedHand, Wrench};
-use osteotome_mechanics::geometry::Pose;
+use osteotome_mechanics::geometry::{Pose, Vec3};
 
 /// Two hands. Everything here runs in the haptic loop: no allocation, no wait, no log.
 pub enum Input {
@@ -63,10 +63,11 @@ impl Input {
         }
     }
 
-    /// Lets the hands' owner look at the crack and decide.
-    pub fn plan(&mut self, crack: &CrackView) {
+    /// Lets the hands' owner look at the crack and the moving line, and decide.
+    pub fn plan(&mut self, crack: &CrackView, line: &[Vec3]) {
         if let Self::BuiltIn(b) = self {
-            b.surgeon.step(crack, &b.seen, &b.felt);
+            let tools = &b.seen;
+            b.surgeon.step(&Sight { crack, tools, line }, &b.felt);
             for (hand, target) in b.hands.iter_mut().zip(b.surgeon.targets()) {
                 hand.follow(target);
             }

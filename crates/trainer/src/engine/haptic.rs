@@ -5,7 +5,7 @@ use anyhow::{Context, Result};
 use nalgebra::Matrix3x4;
 use osteotome_devices::Wrench;
 use osteotome_mechanics::contact::{BoundingVolumes, ContactScene, PointShell};
-use osteotome_mechanics::geometry::Pose;
+use osteotome_mechanics::geometry::{Pose, Vec3};
 use osteotome_mechanics::step::haptic::{
     DeviceLimits, HapticInput, HapticModel, HapticState, haptic_step,
 };
@@ -22,6 +22,8 @@ pub struct BoneView {
     pub volumes: BoundingVolumes,
     /// Of this state.
     pub deformation: Vec<Matrix3x4<f32>>,
+    /// How far the bone has moved at each mark of the line \[mm\].
+    pub line: Vec<Vec3>,
 }
 
 impl BoneView {
@@ -31,6 +33,7 @@ impl BoneView {
             shell: bone.shell.clone(),
             volumes: BoundingVolumes::new(&bone.shell, &state.deformation),
             deformation: state.deformation.clone(),
+            line: Vec::new(),
         }
     }
 
@@ -124,6 +127,10 @@ impl HapticPart for Haptic {
                 contacts: output.result.n_contacts[i] as u32,
             }
         })
+    }
+
+    fn line(&mut self) -> &[Vec3] {
+        &self.bone.read().line
     }
 
     fn fault(&self) -> Option<String> {

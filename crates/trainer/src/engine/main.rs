@@ -3,6 +3,8 @@ use super::haptic::BoneView;
 use super::propagation::Loaded;
 use crate::loops::{MainPart, Published, Subscribed};
 use crate::session::MainSample;
+use crate::surgeon::{Mark, SplitLine};
+use osteotome_mechanics::geometry::Vec3;
 use osteotome_mechanics::step::main::{MainInput, MainSettings, MainState, main_step};
 use osteotome_mechanics::step::{Bone, BoneState};
 use osteotome_mechanics::tool::{ScratchLimits, ToolModel};
@@ -24,14 +26,23 @@ pub struct Main {
     state: MainState,
     ends: Ends,
     serial: u64,
+    /// A tetrahedron at each mark of the osteotomy line.
+    line: Vec<u32>,
 }
 
 impl Main {
-    pub(super) fn new(tools: ToolModel, bone: Arc<Bone>, n_ids: usize, ends: Ends) -> Self {
+    pub(super) fn new(
+        tools: ToolModel,
+        bone: Arc<Bone>,
+        n_ids: usize,
+        line: &SplitLine,
+        ends: Ends,
+    ) -> Self {
         Self {
             state: MainState::new(&bone, n_ids, ScratchLimits::default()),
             settings: MainSettings::default(),
             tools,
+            line: tets_at(&bone, line),
             bone,
             ends,
             serial: 0,
@@ -61,6 +72,12 @@ impl Main {
     fn publish(&mut self) {
         let view = self.ends.to_haptic.input_buffer_mut();
         view.update(&self.bone, &self.state.bone, &self.state.volumes);
+        let moved = self
+            .line
+            .iter()
+            .map(|t| moved(&self.bone, &self.state.bone, *t));
+        view.line.clear();
+        view.line.extend(moved);
         self.ends.to_haptic.publish();
         self.serial += 1;
         let loaded = self.ends.to_propagation.input_buffer_mut();
@@ -68,6 +85,30 @@ impl Main {
         loaded.state.clone_from(&self.state.bone);
         self.ends.to_propagation.publish();
     }
+}
+
+/// The tetrahedron at each mark, or the one nearest by.
+fn tets_at(bone: &Bone, line: &SplitLine) -> Vec<u32> {
+    let body = &bone.body;
+    let reach = 2.0 * body.lengths.h;
+    let at = |mark: &Mark| {
+        let middle = mark.at + mark.toward * (0.5 * mark.depth);
+        body.locator.find_near(&body.mesh, &middle, reach)
+    };
+    line.marks()
+        .iter()
+        .map(|m| at(m).map_or(0, |(tet, _)| tet))
+        .collect()
+}
+
+/// Mean displacement of a tetrahedron's nodes: between the two walls of the slit \[mm\].
+fn moved(bone: &Bone, state: &BoneState, tet: u32) -> Vec3 {
+    let nodes = bone.body.mesh.tets()[tet as usize];
+    let sum: Vec3 = nodes
+        .iter()
+        .map(|n| bone.system.displacement(*n as usize, &state.x))
+        .sum();
+    sum / 4.0
 }
 
 impl MainPart for Main {

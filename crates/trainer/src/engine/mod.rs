@@ -59,7 +59,7 @@ pub fn connect(prepared: &Prepared, scenario: &Scenario, start: [Pose; 2]) -> Re
             bone_view_rx,
             hands_tx,
         )?,
-        main: main::Main::new(tools, bone.clone(), n_ids, ends),
+        main: main::Main::new(tools, bone.clone(), n_ids, &prepared.line, ends),
         propagation: propagation::Propagation::new(bone.clone(), state_rx, bone_tx),
     })
 }

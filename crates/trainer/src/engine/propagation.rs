@@ -37,7 +37,12 @@ impl Propagation {
         Self {
             sawn_area: bone.crack_area(),
             bone,
-            settings: PropagationSettings::default(),
+            settings: PropagationSettings {
+                ligament_edges: std::env::var("OSTEO_LIG")
+                    .ok()
+                    .and_then(|v| v.parse().ok())
+                    .unwrap_or(16),
+            },
             state,
             grown,
             seen: 0,

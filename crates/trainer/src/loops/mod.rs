@@ -13,7 +13,7 @@ use crate::session::{GrowthSample, HandSample, HapticSample, Loop, MainSample, P
 use crate::surgeon::CrackView;
 use anyhow::Result;
 use osteotome_devices::Wrench;
-use osteotome_mechanics::geometry::Pose;
+use osteotome_mechanics::geometry::{Pose, Vec3};
 
 /// What the haptic step answers for one hand.
 #[derive(Clone, Copy, Debug)]
@@ -32,6 +32,8 @@ pub struct HandOutput {
 pub trait HapticPart: Send {
     /// One step of `dt` \[s\]. Does not allocate, wait or log.
     fn step(&mut self, devices: &[Pose; 2], dt: f64) -> [HandOutput; 2];
+    /// How far the bone has moved at each mark of the osteotomy line, as last seen \[mm\].
+    fn line(&mut self) -> &[Vec3];
     /// Why the output has been zero since, if it has.
     fn fault(&self) -> Option<String>;
 }
@@ -122,7 +124,7 @@ impl<H: HapticPart> HapticLoop<H> {
 
     /// One tick: plan, read, step, write.
     fn tick(&mut self, crack: &CrackView) -> HapticSample {
-        self.input.plan(crack);
+        self.input.plan(crack, self.part.line());
         let readings = self.input.read();
         let output = self.part.step(&readings.map(|r| r.pose), self.dt);
         self.faults += self
@@ -176,7 +178,6 @@ mod tests {
     use super::*;
     use crate::scenario::{BSSO_RIGHT, Source, load};
     use crate::surgeon::{Mark, SplitLine};
-    use osteotome_mechanics::geometry::Vec3;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -198,6 +199,9 @@ mod tests {
                 saturated: false,
                 contacts: 3,
             })
+        }
+        fn line(&mut self) -> &[Vec3] {
+            &[]
         }
         fn fault(&self) -> Option<String> {
             None

@@ -85,19 +85,39 @@ impl SplitLine {
         best.1
     }
 
-    /// Position, direction into the bone and depth of the slit at arc length `s`.
-    pub fn mark(&self, s: f64) -> Mark {
+    /// The marks.
+    pub fn marks(&self) -> &[Mark] {
+        &self.marks
+    }
+
+    /// The mark at or after `s`, and the share of the way to it.
+    fn place(&self, s: f64) -> (usize, f64) {
         let upper = self
             .arc
             .partition_point(|a| *a <= s)
             .clamp(1, self.arc.len() - 1);
-        let (a, b) = (&self.marks[upper - 1], &self.marks[upper]);
         let span = self.arc[upper] - self.arc[upper - 1];
         let w = if span > 0.0 {
             ((s - self.arc[upper - 1]) / span).clamp(0.0, 1.0)
         } else {
             0.0
         };
+        (upper, w)
+    }
+
+    /// A vector at arc length `s` from one at each mark; zero where there are none.
+    pub fn interpolate(&self, s: f64, at_marks: &[Vec3]) -> Vec3 {
+        let (upper, w) = self.place(s);
+        match at_marks.get(upper - 1..=upper) {
+            Some([a, b]) => a.lerp(b, w),
+            _ => Vec3::zeros(),
+        }
+    }
+
+    /// Position, direction into the bone and depth of the slit at arc length `s`.
+    pub fn mark(&self, s: f64) -> Mark {
+        let (upper, w) = self.place(s);
+        let (a, b) = (&self.marks[upper - 1], &self.marks[upper]);
         Mark {
             at: a.at.lerp(&b.at, w),
             toward: a

@@ -23,6 +23,17 @@ pub struct CrackView {
     pub front: Vec<Vec3>,
 }
 
+/// What the surgeon sees in one step.
+#[derive(Clone, Copy, Debug)]
+pub struct Sight<'a> {
+    /// The crack.
+    pub crack: &'a CrackView,
+    /// World from tool.
+    pub tools: &'a [Pose; 2],
+    /// How far the bone has moved at each mark of the line; empty: not at all \[mm\].
+    pub line: &'a [Vec3],
+}
+
 /// What one hand is about.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Task {
@@ -66,6 +77,8 @@ struct Hand {
     depth: f64,
     /// Where the tip is \[mm\].
     tip: f64,
+    /// How far the bone has moved there, as the hand follows it \[mm\].
+    shift: Vec3,
     /// About the blade's own axis \[rad\].
     twist: f64,
     /// Sense of its twist.
@@ -80,12 +93,14 @@ struct Hand {
 
 /// Clearance above the bone when moving along the line, and between two blades \[mm\].
 const CLEARANCE: f64 = 2.0;
+/// Hands follow the moving bone with this delay \[s\]: faster than voluntary motion (8-10 Hz) they cannot.
+const FOLLOWING: f64 = 0.05;
 /// A tip this near to its goal is there \[mm\].
 const ARRIVED: f64 = 0.05;
 /// The hand goes at most this far beyond a goal that the tip does not reach \[mm\].
 const MOST_LAG: f64 = 25.0;
-/// One more bite of the wedge \[mm\].
-const BITE: f64 = 1.0;
+/// Above this share of the device's torque the bone is under strain, whatever the twist.
+const STRAINED: f64 = 0.8;
 /// Front vertices this far along the line belong to a blade's neighbourhood \[mm\], beside half its width.
 const NEIGHBOURHOOD: f64 = 4.0;
 /// A torque that falls below this share of its recent peak is a break felt.
@@ -110,6 +125,7 @@ pub struct BuiltInSurgeon {
     hands: [Hand; 2],
     generation: u64,
     last_growth: f64,
+    last_drive: f64,
 }
 
 impl BuiltInSurgeon {
@@ -136,6 +152,7 @@ impl BuiltInSurgeon {
             s: start[i],
             depth: -habits.approach_distance,
             tip: -habits.approach_distance,
+            shift: Vec3::zeros(),
             twist: 0.0,
             sense: [1.0, -1.0][i],
             bite: 0.0,
@@ -151,6 +168,7 @@ impl BuiltInSurgeon {
             phase: Phase::Splitting,
             generation: 0,
             last_growth: 0.0,
+            last_drive: 0.0,
             habits,
             line,
         }
@@ -163,9 +181,16 @@ impl BuiltInSurgeon {
 
     fn target(&self, i: usize) -> Pose {
         let hand = &self.hands[i];
-        let frame = self.line.frame(hand.s, self.width[i]);
+        let frame = self.frame(i);
         let twist = nalgebra::UnitQuaternion::from_scaled_axis(Vec3::z() * hand.twist);
         frame * Pose::from_parts(Vec3::new(0.0, 0.0, hand.depth).into(), twist)
+    }
+
+    /// The blade's frame on the bone as it has moved.
+    fn frame(&self, i: usize) -> Pose {
+        let mut frame = self.line.frame(self.hands[i].s, self.width[i]);
+        frame.translation.vector += self.hands[i].shift;
+        frame
     }
 
     /// Whether the hands have been withdrawn after the break.
@@ -173,17 +198,22 @@ impl BuiltInSurgeon {
         self.phase == Phase::Done
     }
 
-    /// Advances by one haptic step, having seen `crack` and the chisels, and felt `wrenches` (as displayed).
-    pub fn step(&mut self, crack: &CrackView, tools: &[Pose; 2], wrenches: &[Wrench; 2]) {
+    /// Advances by one haptic step, having seen bone and chisels, and felt `wrenches` (as displayed).
+    pub fn step(&mut self, sight: &Sight, wrenches: &[Wrench; 2]) {
+        let crack = sight.crack;
         self.time += self.dt;
-        for (i, tool) in tools.iter().enumerate() {
-            let frame = self.line.frame(self.hands[i].s, self.width[i]);
-            self.hands[i].tip = (frame.inverse() * tool).translation.z;
+        for (i, tool) in sight.tools.iter().enumerate() {
+            let moved = self.line.interpolate(self.hands[i].s, sight.line);
+            let hand = &mut self.hands[i];
+            hand.shift += (moved - hand.shift) * (self.dt / FOLLOWING).min(1.0);
+            self.hands[i].tip = (self.frame(i).inverse() * tool).translation.z;
         }
         if crack.generation != self.generation {
             self.generation = crack.generation;
             self.last_growth = self.time;
-            self.hands.iter_mut().for_each(|h| h.bite = 0.0);
+            for i in 0..2 {
+                self.hands[i].bite = (self.hands[i].tip - self.follow_depth(i, crack)).max(0.0);
+            }
         }
         let felt_loss = self.feel(wrenches);
         self.phase = self.next_phase(crack, felt_loss);
@@ -268,7 +298,7 @@ impl BuiltInSurgeon {
 
     /// Pushes by at most one step until the tip is as deep as `goal`, as long as the force allows it.
     fn drive(&mut self, i: usize, goal: f64, wrench: &Wrench) -> bool {
-        let allowed = wrench.force.norm() < self.habits.force_share * self.limits[i].force;
+        let allowed = self.has_force(i, wrench);
         let step = self.habits.drive_speed * self.dt;
         let hand = &mut self.hands[i];
         if hand.tip >= goal - ARRIVED {
@@ -289,9 +319,14 @@ impl BuiltInSurgeon {
             let hand = &mut self.hands[i];
             toward(&mut hand.twist, hand.sense * most, rate);
         }
-        let follow = self.crack_depth(i, crack) - self.habits.behind_front;
-        let goal = follow.max(self.first_depth(i)) + self.hands[i].bite;
+        let goal = self.follow_depth(i, crack) + self.hands[i].bite;
         self.drive(i, goal.min(self.habits.max_depth), wrench);
+    }
+
+    /// How deep the tip may follow: behind the front, but as deep as the slit.
+    fn follow_depth(&self, i: usize, crack: &CrackView) -> f64 {
+        let behind = self.crack_depth(i, crack) - self.habits.behind_front;
+        behind.max(self.first_depth(i))
     }
 
     /// How deep the crack goes below this blade, in its driving direction \[mm\]: the least of the front there.
@@ -325,7 +360,8 @@ impl BuiltInSurgeon {
         }
     }
 
-    /// Where nothing has moved for a while under full twist: bite deeper; where that is used up, move a chisel.
+    /// Where the crack has stood still for a while under strain: drive both wedges on until it moves; where that is used
+    /// up or the force is, move a chisel.
     fn unstick(&mut self, crack: &CrackView, wrenches: &[Wrench; 2]) {
         if !self.hands.iter().all(|h| h.task == Task::Split) {
             return;
@@ -333,19 +369,33 @@ impl BuiltInSurgeon {
         let most = self.habits.twist_max_deg.to_radians();
         let strained = [0, 1].into_iter().any(|i| {
             self.hands[i].twist.abs() >= most
-                || wrenches[i].torque.norm() > 0.9 * self.limits[i].torque
+                || wrenches[i].torque.norm() > STRAINED * self.limits[i].torque
         });
-        if !strained || self.time - self.last_growth < self.habits.stall_time {
+        let still = self.time - self.last_growth;
+        if !strained || still < self.habits.stall_time {
             return;
         }
-        self.last_growth = self.time;
-        if self.hands.iter().any(|h| h.bite < self.habits.wedge) {
-            for hand in &mut self.hands {
-                hand.bite = (hand.bite + BITE).min(self.habits.wedge);
+        let mut can_drive = false;
+        for i in 0..2 {
+            let has_force = self.has_force(i, &wrenches[i]);
+            let step = self.habits.drive_speed * self.dt;
+            let hand = &mut self.hands[i];
+            if has_force && hand.bite < self.habits.wedge {
+                hand.bite += step;
+                can_drive = true;
             }
-        } else {
+        }
+        if can_drive {
+            self.last_drive = self.time;
+        } else if self.time - self.last_drive > 2.0 * self.habits.stall_time {
+            self.last_drive = self.time;
+            self.last_growth = self.time;
             self.move_to_ligament(crack);
         }
+    }
+
+    fn has_force(&self, i: usize, wrench: &Wrench) -> bool {
+        wrench.force.norm() < self.habits.force_share * self.limits[i].force
     }
 
     /// The chisel nearer to what still holds goes there; where it is there already, the other one comes beside it.
@@ -479,11 +529,21 @@ mod tests {
         }
     }
 
+    fn step(surgeon: &mut BuiltInSurgeon, bone: &FakeBone, wrenches: &[Wrench; 2]) {
+        let tools = surgeon.targets();
+        let sight = Sight {
+            crack: &bone.view,
+            tools: &tools,
+            line: &[],
+        };
+        surgeon.step(&sight, wrenches);
+    }
+
     fn run(surgeon: &mut BuiltInSurgeon, bone: &mut FakeBone, seconds: f64) -> f64 {
         let mut wrenches = [Wrench::default(); 2];
         let mut before = surgeon.targets();
         for k in 0..(seconds * 1000.0) as usize {
-            surgeon.step(&bone.view, &surgeon.targets(), &wrenches);
+            step(surgeon, bone, &wrenches);
             wrenches = bone.step(surgeon);
             let now = surgeon.targets();
             for i in 0..2 {
@@ -517,7 +577,7 @@ mod tests {
         let (mut surgeon, mut bone) = (surgeon(0), FakeBone::new(30.0, 40.0));
         let mut wrenches = [Wrench::default(); 2];
         for _ in 0..4000 {
-            surgeon.step(&bone.view, &surgeon.targets(), &wrenches);
+            step(&mut surgeon, &bone, &wrenches);
             wrenches = bone.step(&surgeon);
             let [left, right] = &surgeon.hands;
             if left.twist != 0.0 || right.twist != 0.0 {
@@ -533,7 +593,7 @@ mod tests {
         let (mut surgeon, mut bone) = (surgeon(0), FakeBone::new(18.0, 40.0));
         let mut wrenches = [Wrench::default(); 2];
         while bone.depth < 17.0 {
-            surgeon.step(&bone.view, &surgeon.targets(), &wrenches);
+            step(&mut surgeon, &bone, &wrenches);
             wrenches = bone.step(&surgeon);
             let allowed = (bone.depth - surgeon.habits.behind_front).max(3.6);
             assert!(surgeon.hands.iter().all(|h| h.depth <= allowed + 0.01));
@@ -559,7 +619,7 @@ mod tests {
         let mut wrenches = [Wrench::default(); 2];
         let mut broken_at = None;
         while !matches!(surgeon.phase, Phase::Relaxing { .. }) {
-            surgeon.step(&bone.view, &surgeon.targets(), &wrenches);
+            step(&mut surgeon, &bone, &wrenches);
             wrenches = bone.step(&surgeon);
             if bone.view.severed {
                 broken_at.get_or_insert(surgeon.time);
