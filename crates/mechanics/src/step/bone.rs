@@ -1,5 +1,5 @@
 use super::crack_faces::CrackFaces;
-use super::walls::{push_walls, side_cells};
+use super::walls::{in_kerf, push_walls, side_cells};
 use crate::bone::{FactorError, MaterialError, Supports, TetMaterial};
 use crate::contact::{PointShell, ShellPoint};
 use crate::crack::growth::{GrowthLengths, Surroundings};
@@ -139,7 +139,8 @@ impl Bone {
             let lead = around.lead_strip(&crack, front.sheet, &points, &advances);
             cuts.cut(&body.mesh, &body.locator, &lead, body.chip_nodes());
         }
-        let points = body.surface.clone();
+        let kept = |p: &&ShellPoint| !in_kerf(&crack, &p.position);
+        let points = body.surface.iter().filter(kept).copied().collect();
         let walled = vec![0; crack.sheets.len()];
         Self::assemble(0, body, crack, cuts, points, walled)
     }
@@ -159,7 +160,7 @@ impl Bone {
             push_walls(&body, sheet, *done, &mut points);
             *done = sheet.mesh.triangles.len();
         }
-        let cell_of = side_cells(&body, &crack, &topology, &points);
+        let cell_of = side_cells(&body, &topology, &points);
         let shell = PointShell::group(&points, &cell_of, topology.cells().len());
         Ok(Self {
             generation,

@@ -29,6 +29,8 @@ pub struct Prepared {
 
 /// Nodes this near to a condyle's centre are held \[mm\]: its head.
 const CONDYLE_RADIUS: f64 = 6.0;
+/// The hand that steadies the chin holds the nodes this near to its middle \[mm\].
+const CHIN_RADIUS: f64 = 15.0;
 /// The element size that counts for growth is that within this distance of the line \[mm\].
 const NEAR_LINE: f64 = 15.0;
 /// Saw cuts reach this far out of the bone, so that no rim of bone stays at the surface \[mm\].
@@ -148,7 +150,9 @@ fn body(s: &Scenario, patient: &Patient) -> Body {
             young_modulus,
         )
     };
-    let supports = held(&patient.condyles);
+    let mut supports = held(&patient.condyles);
+    let chin = patient.frame.path[patient.frame.path.len() / 2];
+    supports.steady(&mesh, &chin, CHIN_RADIUS, s.supports.chin);
     let ends = patient.condyles.map(|c| held(&[c]).fixed);
     let h = element_size(&mesh, &patient.osteotomy);
     let area: f64 = patient.shell.iter().map(|p| p.area).sum();
