@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p osteotome-anatomy --example mesh_report [FILE.stl] [nodes...]`
 #![allow(clippy::print_stdout)]
-use osteotome_anatomy::{ClosedSurface, mesher, parametric, stl};
+use osteotome_anatomy::{ClosedSurface, JawFrame, mesher, parametric, stl};
 use osteotome_mechanics::geometry::MeshDistance;
 use std::path::Path;
 use std::time::Instant;
@@ -46,20 +46,24 @@ fn main() -> Result<(), osteotome_anatomy::AnatomyError> {
         let bytes = stl::to_binary_stl(&surface.mesh);
         std::fs::write(&out, bytes).expect("OUT can be written");
     }
+    let frame = JawFrame::find(&surface.mesh, name)?;
     let distance = MeshDistance::new(surface.mesh);
+    let body = mesher::Body::mandible(&distance, &frame);
     for target in targets {
         let start = Instant::now();
-        let meshed = mesher::mesh_to_nodes(&mesher::Body::of(&distance), target, &mut |_| {})?;
+        let meshed = mesher::mesh_to_nodes(&body, target, &mut |_| {})?;
         let seconds = start.elapsed().as_secs_f64();
         let [low, high] = mesher::dihedral_range(&meshed.mesh);
         println!(
-            "target {target}: {} nodes, {} tets, dihedral {low:.1} to {high:.1} deg, volume {:+.3} %, genus {}, spacing {:.2} mm, shift {:.3} mm, {seconds:.2} s",
+            "target {target}: {} nodes, {} tets, dihedral {low:.1} to {high:.1} deg, volume {:+.3} %, genus {}, spacing {:.2} mm, shift {:.2} mm, swollen {:.2} mm, farthest {:.2} mm, {seconds:.2} s",
             meshed.mesh.nodes().len(),
             meshed.mesh.tets().len(),
             meshed.volume_error * 100.0,
             mesher::mesh_genus(&meshed.mesh),
             meshed.stuffing.spacing,
             meshed.stuffing.shift,
+            meshed.swollen,
+            meshed.farthest,
         );
     }
     Ok(())

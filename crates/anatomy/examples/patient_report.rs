@@ -3,6 +3,7 @@
 //! `cargo run --release -p osteotome-anatomy --example patient_report [FILE.stl OSTEOTOMY.json [FILE.msh]]`
 #![allow(clippy::print_stdout)]
 use osteotome_anatomy::{MeshSource, OsteotomySource, Patient, PatientSpec, Side, SurfaceSource};
+use osteotome_mechanics::geometry::{Aabb, TetLocator, Vec3};
 use std::time::Instant;
 
 fn main() {
@@ -52,7 +53,30 @@ fn main() {
         .map(|m| m.young_modulus)
         .sum::<f64>();
     println!("# mean E {:.0} MPa", mean / patient.materials.len() as f64);
-    let show = |p: &osteotome_mechanics::geometry::Vec3, what: &str| {
+    let locator = TetLocator::new(&patient.mesh);
+    let lost = |p: &Vec3, margin: f64| locator.find_near(&patient.mesh, p, margin).is_none();
+    let lost_shell: Vec<_> = patient
+        .shell
+        .iter()
+        .filter(|p| lost(&p.position, 2.0))
+        .collect();
+    let line = || patient.osteotomy.parts.iter().flat_map(|p| &p.points);
+    let supports = patient.condyles.map(|c| {
+        let near = patient
+            .mesh
+            .nodes()
+            .iter()
+            .filter(|n| (*n - c).norm() < 9.0);
+        near.count()
+    });
+    println!(
+        "# more than about 2 mm from the mesh: {} shell points within {:?}; {} of {} osteotomy points; nodes within 9 mm of the condyles: {supports:?}",
+        lost_shell.len(),
+        Aabb::around(lost_shell.iter().map(|p| &p.position)),
+        line().filter(|p| lost(&p.at, 2.0)).count(),
+        line().count()
+    );
+    let show = |p: &Vec3, what: &str| {
         println!("{:.3} {:.3} {:.3} {what}", p.x, p.y, p.z);
     };
     for part in &patient.osteotomy.parts {

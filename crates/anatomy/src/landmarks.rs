@@ -107,6 +107,13 @@ impl JawFrame {
                 )));
             }
         }
+        // Wide apart, unlike the two halves of a chin that lies at the back.
+        let width = condyles[1].x - condyles[0].x;
+        if width < 0.6 * size.x {
+            return Err(refuse(format!(
+                "its highest points at the back are only {width:.0} mm apart"
+            )));
+        }
         let path = centre_line(&patches, &bounds.min, &size, condyles, gonions);
         Ok(Self {
             condyles,

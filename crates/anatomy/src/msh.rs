@@ -122,10 +122,10 @@ impl Raw {
         let mut by_surface: FxHashMap<i32, Vec<[u32; 3]>> = FxHashMap::default();
         for (triangle, id) in self.triangles.iter().filter(|t| t.1 != 0) {
             let node = |n: &u64| self.index.get(n).map(|i| used[*i as usize]);
-            if let [Some(a), Some(b), Some(c)] = [0, 1, 2].map(|k| node(&triangle[k])) {
-                if ![a, b, c].contains(&u32::MAX) {
-                    by_surface.entry(*id).or_default().push([a, b, c]);
-                }
+            if let [Some(a), Some(b), Some(c)] = [0, 1, 2].map(|k| node(&triangle[k]))
+                && ![a, b, c].contains(&u32::MAX)
+            {
+                by_surface.entry(*id).or_default().push([a, b, c]);
             }
         }
         let mut surfaces: Vec<_> = by_surface
@@ -366,8 +366,8 @@ impl Reader<'_> {
         let mut nodes = [0; 4];
         for k in 0..usize::from(n_nodes) {
             let id = node(self)?;
-            if k < 4 {
-                nodes[k] = id;
+            if let Some(slot) = nodes.get_mut(k) {
+                *slot = id;
             }
         }
         match kind {

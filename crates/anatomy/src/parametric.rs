@@ -174,7 +174,7 @@ impl ParametricMandible {
             .collect()
     }
 
-    fn to_ramus(&self, y: f64, z: f64) -> [f64; 2] {
+    fn ramus_frame(&self, y: f64, z: f64) -> [f64; 2] {
         let (dy, dz) = (y - self.gonion.y, z - self.gonion.z);
         [
             dy * self.forward[0] + dz * self.forward[1],
@@ -182,7 +182,7 @@ impl ParametricMandible {
         ]
     }
 
-    fn from_ramus(&self, [w, v]: [f64; 2]) -> Vec3 {
+    fn out_of_ramus(&self, [w, v]: [f64; 2]) -> Vec3 {
         Vec3::new(
             self.ramus_x(w, v),
             self.gonion.y + w * self.forward[0] + v * self.up[0],
@@ -226,7 +226,7 @@ impl ParametricMandible {
     }
 
     fn ramus(&self, x: f64, p: &Vec3) -> f64 {
-        let [w, v] = self.to_ramus(p.y, p.z);
+        let [w, v] = self.ramus_frame(p.y, p.z);
         let plan = polygon_distance(&self.outline, [w, v]);
         // Thinner towards coronoid and notch, and where it fades out on the body's cheek side.
         let thin =
@@ -278,7 +278,7 @@ impl ParametricMandible {
         let onto = |p: Vec3| surface.closest(&world(p)).map_or(world(p), |c| c.point);
         let width = self.parameters.ramus_width;
         let condyle = Vec3::new(0.5 * self.parameters.condyle_distance, 0.0, 0.0);
-        let crest: Vec<Vec3> = self.outline.iter().map(|q| self.from_ramus(*q)).collect();
+        let crest: Vec<Vec3> = self.outline.iter().map(|q| self.out_of_ramus(*q)).collect();
         let pick = |low: f64, high: f64, up: f64| {
             let range = low * width..high * width;
             let of_crest = self.outline.iter().zip(&crest);
@@ -289,7 +289,7 @@ impl ParametricMandible {
         };
         // 53 % of the ramus' width from behind, 30 above the lower border; straight up leans forward in the ramus frame.
         let (cot, w) = (self.cot(), 0.53 * width);
-        let lingula = self.from_ramus([w, cot * w + 30.0 * (self.up[1] - cot * self.forward[1])]);
+        let lingula = self.out_of_ramus([w, cot * w + 30.0 * (self.up[1] - cot * self.forward[1])]);
         let molar = self.second_molar();
         let inside = world(lingula) - Vec3::x() * (sign * 20.0);
         let below = world(molar + Vec3::new(0.0, 5.0, -60.0));
@@ -314,7 +314,9 @@ impl ParametricMandible {
 
     /// On the crest beside the second molar, a little forward of the ramus' front; towards the cheek.
     fn second_molar(&self) -> Vec3 {
-        let y = self.from_ramus([self.parameters.ramus_width + 6.5, 5.0]).y;
+        let y = self
+            .out_of_ramus([self.parameters.ramus_width + 6.5, 5.0])
+            .y;
         let nearest = self
             .arch
             .iter()
@@ -340,7 +342,7 @@ impl ParametricMandible {
         let n = self.outline.len();
         let crossing = |i: usize| {
             let (a, b) = (self.outline[i], self.outline[(i + 1) % n]);
-            let (pa, pb) = (self.from_ramus(a), self.from_ramus(b));
+            let (pa, pb) = (self.out_of_ramus(a), self.out_of_ramus(b));
             let s = (z - pa.z) / (pb.z - pa.z);
             (0.0..1.0).contains(&s).then(|| pa + (pb - pa) * s)
         };
@@ -367,7 +369,7 @@ impl SignedDistance for ParametricMandible {
         let x = 0.5 * self.parameters.condyle_distance + CONDYLE.x;
         let x = x.max(self.gonion.x + self.parameters.ramus_thickness) + 3.0;
         let chin = &self.arch[0];
-        let top = self.outline.iter().map(|q| self.from_ramus(*q).z);
+        let top = self.outline.iter().map(|q| self.out_of_ramus(*q).z);
         Aabb {
             min: Vec3::new(
                 -x,
@@ -544,10 +546,8 @@ mod tests {
             "lingula to lower border {height}"
         );
         let notch = marks.right.sigmoid_notch;
-        let height = notch.z
-            - cast(&surface, &(notch - Vec3::z() * 80.0), &Vec3::z())
-                .unwrap()
-                .z;
+        let under = Vec3::new(marks.right.gonion.x + 1.0, notch.y, -100.0);
+        let height = notch.z - cast(&surface, &under, &Vec3::z()).unwrap().z;
         assert!((41.0..48.0).contains(&height), "ramus height {height}");
     }
 

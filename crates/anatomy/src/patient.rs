@@ -139,7 +139,7 @@ impl Patient {
             let note = "the osteotomy line is placed on landmarks, not planned by a surgeon";
             bone.constructed.push(note.to_owned());
         }
-        let mesh = spec.mesh(&bone, &distance, progress)?;
+        let mesh = spec.mesh(&bone, &distance, &frame, progress)?;
         progress("materials", 0.85);
         let materials = spec.material.assign(&mesh, &distance, &frame)?;
         let note =
@@ -278,9 +278,10 @@ impl PatientSpec {
         &self,
         bone: &Bone,
         distance: &MeshDistance,
+        frame: &JawFrame,
         progress: &mut dyn FnMut(&str, f64),
     ) -> Result<TetMesh, AnatomyError> {
-        let body = Body::of(distance);
+        let body = Body::mandible(distance, frame);
         let volume = body.volume;
         match &self.mesh {
             MeshSource::Nodes(target) => {

@@ -31,7 +31,7 @@ pub fn point_shell(surface: &TriMesh, n: usize) -> Result<Vec<SurfacePoint>, Ana
         total += 0.5 * surface.area_normal(t as usize).norm();
         ends.push(total);
     }
-    if !(total > 0.0) {
+    if total.is_nan() || total <= 0.0 {
         return Err(AnatomyError::EmptySurface {
             name: "the surface to sample".to_owned(),
         });

@@ -43,6 +43,7 @@ fn ground(spring: f64) -> Supports {
     Supports {
         fixed: vec![],
         ground_spring: spring,
+        ..Default::default()
     }
 }
 
@@ -168,6 +169,7 @@ fn stiffness_is_positive_definite_and_the_crack_only_softens() {
             .filter(|&i| mesh.nodes()[i as usize].x < 1e-9)
             .collect(),
         ground_spring: 1e-9,
+        ..Default::default()
     };
     let mut softest = 0.0;
     for length in [0.0, 1.4, 2.6, 3.4, 4.6] {

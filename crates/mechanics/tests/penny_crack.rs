@@ -67,6 +67,7 @@ fn stations(alpha: f64) -> (Vec<Station>, f64) {
     let supports = Supports {
         fixed: vec![],
         ground_spring: 1e-5,
+        ..Default::default()
     };
     let system = System::new(&mesh, &materials, &topology, &supports).unwrap();
     let mut x = vec![0.0; system.n()];

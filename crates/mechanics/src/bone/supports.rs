@@ -7,6 +7,8 @@ pub struct Supports {
     pub fixed: Vec<u32>,
     /// Ground spring on every node \[N/mm\]: the soft tissue, and what keeps a loose fragment's equations regular.
     pub ground_spring: f64,
+    /// Further springs to the ground: node and stiffness \[N/mm\] (a hand that steadies the body).
+    pub springs: Vec<(u32, f64)>,
 }
 
 impl Supports {
@@ -35,6 +37,21 @@ impl Supports {
         Self {
             fixed,
             ground_spring: alpha * young_modulus * mesh.mean_edge_length(),
+            springs: Vec::new(),
         }
+    }
+
+    /// Steadies the body by springs of `stiffness` \[N/mm\] in all, spread over the nodes within `radius` of `centre`.
+    pub fn steady(
+        &mut self,
+        mesh: &TetMesh,
+        centre: &crate::geometry::Vec3,
+        radius: f64,
+        stiffness: f64,
+    ) {
+        let is_near = |i: &u32| (mesh.nodes()[*i as usize] - centre).norm() <= radius;
+        let near: Vec<u32> = (0..mesh.nodes().len() as u32).filter(is_near).collect();
+        let each = stiffness / near.len().max(1) as f64;
+        self.springs.extend(near.into_iter().map(|i| (i, each)));
     }
 }

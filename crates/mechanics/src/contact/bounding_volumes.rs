@@ -44,7 +44,7 @@ impl BoundingVolumes {
             if shell.cell_is_empty(c) || !d.iter().all(|v| v.abs() < REACH) {
                 continue;
             }
-            let cell_box = box_of(d);
+            let cell_box = enlarged(&box_of(d), d, shell.overhang(c));
             size += cell_box.extent().max();
             self.bounds.add(&cell_box.min);
             self.bounds.add(&cell_box.max);
@@ -79,6 +79,19 @@ impl BoundingVolumes {
             };
             self.hash.query(&common, visit);
         }
+    }
+}
+
+/// The box for points that reach out of the cell by `overhang` (see [`PointShell::overhang`]).
+fn enlarged(b: &Aabb, d: &Matrix3x4<f32>, overhang: f32) -> Aabb {
+    if overhang <= 0.0 {
+        return *b;
+    }
+    let centre = d.column_mean().cast::<f64>();
+    let scale = 1.0 + 4.0 * f64::from(overhang);
+    Aabb {
+        min: centre + (b.min - centre) * scale,
+        max: centre + (b.max - centre) * scale,
     }
 }
 

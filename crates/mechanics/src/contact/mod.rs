@@ -13,6 +13,7 @@ pub use boundary_points::boundary_points;
 pub use bounding_volumes::BoundingVolumes;
 pub use friction::Anchors;
 pub use point_shell::{PointOrigin, PointShell, ShellPoint};
+pub(crate) use query::SIDE_DEPTH;
 pub use query::{Candidates, Contact, ContactScene, penetrations};
 pub use response::{
     ContactLaw, ContactLawError, PointForce, Response, append_point_forces, respond,

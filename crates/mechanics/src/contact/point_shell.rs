@@ -35,6 +35,7 @@ pub struct PointShell {
     /// Range of each cell's blocks: `first_block[c]..first_block[c + 1]`.
     first_block: Vec<u32>,
     blocks: Vec<Block>,
+    overhang: Vec<f32>,
     ids: Vec<u32>,
     weights: [Vec<f32>; 4],
     areas: Vec<f32>,
@@ -94,16 +95,29 @@ impl PointShell {
         });
         let (first_block, blocks) = cut_into_blocks(points, cell_of, &ids, n_cells);
         let point = |id: &u32| &points[*id as usize];
+        let mut overhang = vec![0.0f32; n_cells];
+        for id in &ids {
+            let least = point(id).weights.iter().fold(0.0f32, |l, w| l.min(*w));
+            let cell = &mut overhang[cell_of[*id as usize] as usize];
+            *cell = cell.max(-least);
+        }
         let weights = [0, 1, 2, 3].map(|k| ids.iter().map(|id| point(id).weights[k]).collect());
         Self {
             first_block,
             blocks,
+            overhang,
             weights,
             areas: ids.iter().map(|id| point(id).area).collect(),
             normals: ids.iter().map(|id| normal(point(id))).collect(),
             n_ids: points.len(),
             ids,
         }
+    }
+
+    /// How far below zero the shape functions of the points of cell `c` reach: where the mesh cuts a corner of the bone, points
+    /// lie outside their tetrahedron, inside its copy enlarged about its centroid by 1 + 4 times this.
+    pub fn overhang(&self, c: usize) -> f32 {
+        self.overhang.get(c).copied().unwrap_or(0.0)
     }
 
     /// How many points take part.

@@ -141,7 +141,7 @@ pub fn penetrations(
             continue;
         };
         let m = shape_from_cell(&shape_from_world, d);
-        if cell_is_away(shape, &m) {
+        if cell_is_away(shape, &m, scene.shell.overhang(c as usize)) {
             continue;
         }
         let cell = CellQuery {
@@ -171,24 +171,26 @@ fn shape_from_cell(shape_from_world: &Pose, d: &Matrix3x4<f32>) -> Matrix3x4<f32
     m
 }
 
-fn cell_is_away(shape: &RigidShape, m: &Matrix3x4<f32>) -> bool {
-    let apart = (0..3).any(|k| {
-        let row = m.row(k);
-        row.max() < shape.bounds.min[k] as f32 - ROUNDING
-            || row.min() > shape.bounds.max[k] as f32 + ROUNDING
-    });
-    if apart {
-        return true;
-    }
+fn cell_is_away(shape: &RigidShape, m: &Matrix3x4<f32>, overhang: f32) -> bool {
     let centre = m.column_mean();
     let radius2 = m
         .column_iter()
         .fold(0.0f32, |r, p| r.max((p - centre).norm_squared()));
-    ball_is_away(shape, centre.into(), radius2.sqrt())
+    ball_is_away(
+        shape,
+        centre.into(),
+        (1.0 + 4.0 * overhang) * radius2.sqrt(),
+    )
 }
 
-/// Whether no point of a ball can be inside the shape.
+/// Whether no point of a ball can be inside the shape, nor in what a thin blade shadows on its far side.
 fn ball_is_away(shape: &RigidShape, centre: [f32; 3], radius: f32) -> bool {
+    let shadow = if shape.sided.is_some() {
+        SIDE_DEPTH as f32
+    } else {
+        0.0
+    };
+    let radius = radius + shadow;
     let beside = (0..3).any(|k| {
         centre[k] + radius < shape.bounds.min[k] as f32 - ROUNDING
             || centre[k] - radius > shape.bounds.max[k] as f32 + ROUNDING
@@ -244,12 +246,14 @@ impl CellQuery<'_> {
     }
 
     fn inside(&self, position: [f32; 3], normal: &[f32; 3]) -> Option<DistanceSample> {
-        let plain = self.shape.field.look_up(position)?;
         // NaN is not inside.
-        (plain.distance < 0.0).then(|| self.on_own_side(position, normal).unwrap_or(plain))
+        let own = self.on_own_side(position, normal);
+        let sample = own.or_else(|| self.shape.field.look_up(position))?;
+        (sample.distance < 0.0).then_some(sample)
     }
 
-    /// For a point of a wall that looks at a side of a blade: how deep it is behind that side.
+    /// For a point of a wall that looks at a side of a blade: how deep it is behind that side, even where it has come out
+    /// of the blade's other side. A thin blade that twists in the crack must not slip through its walls.
     fn on_own_side(&self, position: [f32; 3], normal: &[f32; 3]) -> Option<DistanceSample> {
         let sided = self.shape.sided.as_ref()?;
         if *normal == [0.0; 3] {
@@ -263,15 +267,15 @@ impl CellQuery<'_> {
         } else {
             return None;
         };
-        (sample.distance > -SIDE_DEPTH).then_some(sample)
+        (sample.distance > -SIDE_DEPTH as f32).then_some(sample)
     }
 }
 
-/// A wall looks at the blade's side if its normal is within 45 degrees of the blade's.
-const SIDE_COSINE: f64 = std::f64::consts::FRAC_1_SQRT_2;
+/// A wall looks at the blade's side if its normal is within 60 degrees of the blade's.
+const SIDE_COSINE: f64 = 0.5;
 /// Deeper than this behind its own side \[mm\] a wall's point takes the nearest way out after all: then the blade did not
 /// come down the crack, and a first contact must not begin with the whole thickness of the blade.
-const SIDE_DEPTH: f32 = 0.8;
+pub const SIDE_DEPTH: f64 = 1.2;
 
 /// `q = M N` for a block of points; straight loops over slices, so that the compiler vectorises them.
 fn transform(m: &Matrix3x4<f32>, weights: [&[f32]; 4], q: &mut [[f32; BLOCK]; 3]) {

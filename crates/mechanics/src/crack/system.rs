@@ -43,6 +43,10 @@ impl System {
         for (tet, v) in mesh.tets().iter().zip(mesh.volumes()) {
             tet.iter().for_each(|&n| around[n as usize] += v);
         }
+        let mut spring = vec![supports.ground_spring; mesh.nodes().len()];
+        for &(n, k) in &supports.springs {
+            spring[n as usize] += k;
+        }
         // First pass: where entries are; second: what they are.
         for _ in 0..2 {
             for cell in topology.cells() {
@@ -52,7 +56,7 @@ impl System {
                 let weight = mesh.volumes()[t] * cell.fraction;
                 // Soft tissue holds the material, so each cell takes its share, also of what only its enrichments move.
                 let ground: [f64; 4] =
-                    mesh.tets()[t].map(|n| supports.ground_spring * weight / around[n as usize]);
+                    mesh.tets()[t].map(|n| spring[n as usize] * weight / around[n as usize]);
                 for a in 0..4 {
                     for b in 0..4 {
                         let mut k = stiffness::block(&lame, &g[a], &g[b]) * weight;

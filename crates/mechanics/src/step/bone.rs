@@ -1,11 +1,11 @@
 use super::crack_faces::CrackFaces;
-use super::walls::{push_walls, side_cells};
+use super::walls::{in_kerf, push_walls, side_cells};
 use crate::bone::{FactorError, MaterialError, Supports, TetMaterial};
 use crate::contact::{PointShell, ShellPoint};
 use crate::crack::growth::{GrowthLengths, Surroundings};
 use crate::crack::stress_intensity::CellForce;
 use crate::crack::{CrackSurface, CutEdges, Fragments, System, Topology};
-use crate::geometry::{TetLocator, TetMesh};
+use crate::geometry::{SignedDistance, TetLocator, TetMesh, Vec3};
 use nalgebra::Matrix3x4;
 use std::sync::Arc;
 
@@ -33,6 +33,16 @@ pub enum BoneError {
     Factor(#[from] FactorError),
 }
 
+/// The space that the bone fills.
+#[derive(Clone)]
+pub struct Region(pub Arc<dyn SignedDistance + Send + Sync>);
+
+impl std::fmt::Debug for Region {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Region({:?})", self.0.bounds())
+    }
+}
+
 /// What never changes: the body without its crack.
 #[derive(Debug)]
 pub struct Body {
@@ -48,6 +58,8 @@ pub struct Body {
     pub ends: [Vec<u32>; 2],
     /// Lengths of a growth step.
     pub lengths: GrowthLengths,
+    /// The bone's true shape: a coarse mesh cuts its corners.
+    pub region: Region,
     /// The uncut surface as points.
     pub surface: Vec<ShellPoint>,
     /// Points a mm2 on crack walls.
@@ -127,7 +139,8 @@ impl Bone {
             let lead = around.lead_strip(&crack, front.sheet, &points, &advances);
             cuts.cut(&body.mesh, &body.locator, &lead, body.chip_nodes());
         }
-        let points = body.surface.clone();
+        let kept = |p: &&ShellPoint| !in_kerf(&crack, &p.position);
+        let points = body.surface.iter().filter(kept).copied().collect();
         let walled = vec![0; crack.sheets.len()];
         Self::assemble(0, body, crack, cuts, points, walled)
     }
@@ -147,7 +160,7 @@ impl Bone {
             push_walls(&body, sheet, *done, &mut points);
             *done = sheet.mesh.triangles.len();
         }
-        let cell_of = side_cells(&body, &crack, &topology, &points);
+        let cell_of = side_cells(&body, &topology, &points);
         let shell = PointShell::group(&points, &cell_of, topology.cells().len());
         Ok(Self {
             generation,
@@ -247,6 +260,16 @@ impl Bone {
 }
 
 impl Body {
+    /// The tetrahedron that carries a point of the bone, with the shape functions there: below zero where the mesh cuts a
+    /// corner. `None` where the mesh is farther than two element sizes.
+    pub fn embed(&self, p: &Vec3) -> Option<(u32, [f64; 4])> {
+        let near = |reach: f64| {
+            self.locator
+                .find_near(&self.mesh, p, reach * self.lengths.h)
+        };
+        [0.25, 0.5, 1.0, 2.0].into_iter().find_map(near)
+    }
+
     /// What a growth step needs to know.
     pub fn surroundings(&self) -> Surroundings<'_> {
         Surroundings {

@@ -9,6 +9,6 @@ mod propagation;
 mod relaxation;
 mod walls;
 
-pub use bone::{Body, Bone, BoneError, BoneState};
+pub use bone::{Body, Bone, BoneError, BoneState, Region};
 pub use crack_faces::{CrackFaces, FaceContact};
 pub use propagation::{FrontPoint, GrowthReport, PropagationSettings, propagation_step};

@@ -1,6 +1,6 @@
 //! Points on the walls of the crack: what a chisel pushes on.
 use super::bone::Body;
-use crate::contact::{PointOrigin, PointShell, ShellPoint};
+use crate::contact::{PointOrigin, ShellPoint};
 use crate::crack::{CrackSurface, Sheet, Topology};
 use crate::geometry::Vec3;
 
@@ -21,7 +21,10 @@ pub fn push_walls(body: &Body, sheet: &Sheet, first: usize, points: &mut Vec<She
             let half_width: f64 = (0..3).map(|c| kerf[c] * w[c]).sum();
             for side in [1.0, -1.0] {
                 let p = middle + normal * (side * half_width);
-                let Some((tet, weights)) = body.locator.find(&body.mesh, &p) else {
+                if body.region.0.signed(&p) > 0.0 {
+                    continue;
+                }
+                let Some((tet, weights)) = body.embed(&p) else {
                     continue;
                 };
                 points.push(ShellPoint {
@@ -48,17 +51,11 @@ fn spread(k: u32, n: u32) -> [f64; 3] {
     [1.0 - root, root * (1.0 - b), root * b]
 }
 
-/// The cell of each point. Dropped: surface points that the saw removed, wall points of a crack not yet open there.
-pub fn side_cells(
-    body: &Body,
-    crack: &CrackSurface,
-    topology: &Topology,
-    points: &[ShellPoint],
-) -> Vec<u32> {
+/// The cell of each point.
+pub fn side_cells(body: &Body, topology: &Topology, points: &[ShellPoint]) -> Vec<u32> {
     points
         .iter()
         .map(|p| match p.origin {
-            PointOrigin::Surface if in_kerf(crack, &p.position) => PointShell::DROPPED,
             PointOrigin::Surface => topology.cell_at(p.tet, &p.weights.map(f64::from)),
             PointOrigin::Wall { normal } => {
                 topology.cell_towards(&body.mesh, p.tet, &p.position, &-normal)
@@ -68,7 +65,7 @@ pub fn side_cells(
 }
 
 /// Whether the saw took the material at `p`.
-fn in_kerf(crack: &CrackSurface, p: &Vec3) -> bool {
+pub fn in_kerf(crack: &CrackSurface, p: &Vec3) -> bool {
     crack.sheets.iter().any(|s| {
         let widest = s.kerf.iter().copied().fold(0.0, f64::max);
         widest > 0.0

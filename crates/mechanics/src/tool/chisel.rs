@@ -1,4 +1,4 @@
-use crate::contact::{RigidShape, SurfaceSample};
+use crate::contact::{RigidShape, SIDE_DEPTH, SurfaceSample};
 use crate::geometry::{Aabb, DistanceGrid, TriMesh, Vec3};
 
 /// Measures of a chisel's blade.
@@ -79,6 +79,10 @@ const GRID_MARGIN: f64 = 2.0;
 /// Between samples of the surface \[mm\].
 const SAMPLE_SPACING: f64 = 2.0;
 
+/// A wall is pushed off its side of the blade, not off the blade's narrow ends: only where a point is this much nearer to the
+/// end does it go that way.
+const END_STEEPNESS: f64 = 3.0;
+
 impl Chisel {
     /// Checks the measures.
     ///
@@ -122,10 +126,13 @@ impl Chisel {
     /// The blade for contact.
     pub fn shape(&self) -> RigidShape {
         let side = |outline: [[f64; 2]; 5]| {
-            self.grid(|p| self.extruded(p, polygon_distance(&outline, [p.y, p.z])))
+            self.grid(SIDE_DEPTH, |p| {
+                let along = p.x.abs() - 0.5 * self.parameters.width;
+                polygon_distance(&outline, [p.y, p.z]).max(END_STEEPNESS * along)
+            })
         };
         RigidShape {
-            field: self.grid(|p| self.distance(p)),
+            field: self.grid(0.0, |p| self.distance(p)),
             sided: Some([side(self.extended(1.0)), side(self.extended(-1.0))]),
             bounds: self.bounds(),
             samples: self.samples(),
@@ -161,8 +168,11 @@ impl Chisel {
     }
 
     /// A distance on a grid with nodes on the blade's flat faces, so that these are exact.
-    fn grid(&self, distance: impl Fn(&Vec3) -> f64) -> DistanceGrid {
+    /// Samples a distance on the blade's box, widened by `beside` on both sides of the blade.
+    fn grid(&self, beside: f64, distance: impl Fn(&Vec3) -> f64) -> DistanceGrid {
         let mut bounds = self.bounds();
+        bounds.min.y -= beside;
+        bounds.max.y += beside;
         let mut spacing = GRID_SPACING;
         for k in 0..3 {
             let extent = bounds.extent()[k];

@@ -11,8 +11,8 @@ use osteotome_mechanics::bone::Supports;
 use osteotome_mechanics::contact::{PointOrigin, ShellPoint};
 use osteotome_mechanics::crack::growth::GrowthLengths;
 use osteotome_mechanics::crack::{CrackSurface, LinePoint, Sheet};
-use osteotome_mechanics::geometry::{TetLocator, TetMesh, Vec3};
-use osteotome_mechanics::step::{Body, Bone};
+use osteotome_mechanics::geometry::{MeshDistance, TetLocator, TetMesh, Vec3};
+use osteotome_mechanics::step::{Body, Bone, Region};
 use std::sync::Arc;
 
 /// All that a session starts from.
@@ -29,6 +29,8 @@ pub struct Prepared {
 
 /// Nodes this near to a condyle's centre are held \[mm\]: its head.
 const CONDYLE_RADIUS: f64 = 6.0;
+/// The hand that steadies the chin holds the nodes this near to its middle \[mm\].
+const CHIN_RADIUS: f64 = 15.0;
 /// The element size that counts for growth is that within this distance of the line \[mm\].
 const NEAR_LINE: f64 = 15.0;
 /// Saw cuts reach this far out of the bone, so that no rim of bone stays at the surface \[mm\].
@@ -148,21 +150,25 @@ fn body(s: &Scenario, patient: &Patient) -> Body {
             young_modulus,
         )
     };
-    let supports = held(&patient.condyles);
+    let mut supports = held(&patient.condyles);
+    let chin = patient.frame.path[patient.frame.path.len() / 2];
+    supports.steady(&mesh, &chin, CHIN_RADIUS, s.supports.chin);
     let ends = patient.condyles.map(|c| held(&[c]).fixed);
     let h = element_size(&mesh, &patient.osteotomy);
-    let surface = shell_points(&patient.shell, &mesh, &locator, h);
     let area: f64 = patient.shell.iter().map(|p| p.area).sum();
-    Body {
+    let mut body = Body {
         wall_density: patient.shell.len() as f64 / area,
+        region: Region(Arc::new(MeshDistance::new(patient.surface.clone()))),
         lengths: GrowthLengths::for_element_size(h),
         materials: patient.materials.clone(),
-        surface,
+        surface: Vec::new(),
         supports,
         ends,
         locator,
         mesh,
-    }
+    };
+    body.surface = shell_points(&patient.shell, &body);
+    body
 }
 
 /// Mean edge length near the line; of the whole mesh where none is near \[mm\].
@@ -188,26 +194,12 @@ fn element_size(mesh: &TetMesh, osteotomy: &Osteotomy) -> f64 {
     }
 }
 
-/// Embeds the surface in the mesh. A coarse mesh cuts corners: a point outside goes to the nearest place of the tetrahedron
-/// it sticks out of least, because a cell's bounding volume holds only what lies inside it.
-fn shell_points(
-    shell: &[SurfacePoint],
-    mesh: &TetMesh,
-    locator: &TetLocator,
-    h: f64,
-) -> Vec<ShellPoint> {
+/// Embeds the surface in the mesh.
+fn shell_points(shell: &[SurfacePoint], body: &Body) -> Vec<ShellPoint> {
     let embed = |p: &SurfacePoint| {
-        let found = [0.5, 1.0, 2.0]
-            .into_iter()
-            .find_map(|reach| locator.find_near(mesh, &p.position, reach * h));
-        let (tet, weights) = found?;
-        let inside = weights.map(|w| w.max(0.0));
-        let sum: f64 = inside.iter().sum();
-        let weights = inside.map(|w| w / sum);
-        let corners = mesh.corners(tet as usize);
-        let position = (0..4).map(|k| corners[k] * weights[k]).sum();
+        let (tet, weights) = body.embed(&p.position)?;
         Some(ShellPoint {
-            position,
+            position: p.position,
             tet,
             weights: weights.map(|w| w as f32),
             area: p.area as f32,

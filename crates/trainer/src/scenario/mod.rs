@@ -235,6 +235,8 @@ pub struct Supports {
     pub condyles: Condyles,
     /// Ground spring of the soft tissue, relative to E h.
     pub soft_tissue: f64,
+    /// The assistant's hand that steadies the chin against the chisels \[N/mm\]; 0 for none.
+    pub chin: f64,
 }
 
 impl Default for Supports {
@@ -242,6 +244,7 @@ impl Default for Supports {
         Self {
             condyles: Condyles::Fixed,
             soft_tissue: 1e-7,
+            chin: 200.0,
         }
     }
 }
