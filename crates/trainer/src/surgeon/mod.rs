@@ -370,8 +370,8 @@ impl BuiltInSurgeon {
             return;
         }
         let mut can_drive = false;
-        for i in 0..2 {
-            let has_force = self.has_force(i, &wrenches[i]);
+        for (i, wrench) in wrenches.iter().enumerate() {
+            let has_force = self.has_force(i, wrench);
             let step = self.habits.drive_speed * self.dt;
             let hand = &mut self.hands[i];
             if has_force && hand.bite < self.habits.wedge {
