@@ -24,7 +24,6 @@ pub struct SplitLine {
     marks: Vec<Mark>,
     arc: Vec<f64>,
     ridge: [f64; 2],
-    ridge_direction: Vec3,
 }
 
 impl SplitLine {
@@ -48,19 +47,7 @@ impl SplitLine {
             (Some(a), Some(b)) if b > a => [arc[a], arc[b]],
             _ => [0.0, length],
         };
-        let on_ridge = |s: &f64| (ridge[0]..=ridge[1]).contains(s);
-        let on_it = marks.iter().zip(&arc).filter(|(_, s)| on_ridge(s));
-        let ridge_direction = on_it
-            .map(|(m, _)| m.toward)
-            .sum::<Vec3>()
-            .try_normalize(1e-9)
-            .unwrap_or(marks[0].toward);
-        Ok(Self {
-            marks,
-            arc,
-            ridge,
-            ridge_direction,
-        })
+        Ok(Self { marks, arc, ridge })
     }
 
     /// Arc length at a share of the ridge.
@@ -132,27 +119,30 @@ impl SplitLine {
 
     /// The frame of a blade of this width at `s`: origin on the surface, +z into the bone, x along the line, y across it.
     ///
-    /// On the ridge +z is the ridge's mean direction, so that two blades there are parallel and their shafts do not meet;
-    /// beyond its ends it turns to the line's own over 5 mm.
+    /// A slit is neither straight nor flat, a blade is both: +z is the mean direction over the blade's width, and across
+    /// the line the origin lies where the blade's plane runs through the middle of the slit, so that the edge goes in.
     pub fn frame(&self, s: f64, width: f64) -> Pose {
-        const TURN: f64 = 5.0;
+        const SAMPLES: i32 = 4; // each side of the middle: a blade spans a handful of marks
         let half = 0.5 * width;
         let here = self.mark(s);
-        let beyond = (self.ridge[0] - s).max(s - self.ridge[1]).max(0.0);
-        let mean = self
-            .ridge_direction
-            .lerp(&here.toward, (beyond / TURN).min(1.0));
-        let z = mean.try_normalize(1e-9).unwrap_or(here.toward);
-        let ahead = self.mark((s + half).min(self.length())).at;
-        let behind = self.mark((s - half).max(0.0)).at;
-        let along = (ahead - behind) - z * z.dot(&(ahead - behind));
+        let along_blade = |i: i32| {
+            let offset = half * f64::from(i) / f64::from(SAMPLES);
+            self.mark((s + offset).clamp(0.0, self.length()))
+        };
+        let samples = || (-SAMPLES..=SAMPLES).map(along_blade);
+        let sum = samples().map(|m| m.toward).sum::<Vec3>();
+        let z = sum.try_normalize(1e-9).unwrap_or(here.toward);
+        let chord = along_blade(SAMPLES).at - along_blade(-SAMPLES).at;
+        let along = chord - z * z.dot(&chord);
         let x = along.try_normalize(1e-9).unwrap_or_else(|| any_across(&z));
-        let axes = nalgebra::Matrix3::from_columns(&[x, z.cross(&x), z]);
+        let y = z.cross(&x);
+        let off = |m: Mark| y.dot(&(m.at + m.toward * (0.5 * m.depth) - here.at));
+        let n = f64::from(2 * SAMPLES + 1);
+        let origin = here.at + y * (samples().map(off).sum::<f64>() / n);
+        let axes = nalgebra::Matrix3::from_columns(&[x, y, z]);
         let rotation = nalgebra::Rotation3::from_matrix_unchecked(axes);
-        Pose::from_parts(
-            here.at.into(),
-            nalgebra::UnitQuaternion::from_rotation_matrix(&rotation),
-        )
+        let rotation = nalgebra::UnitQuaternion::from_rotation_matrix(&rotation);
+        Pose::from_parts(origin.into(), rotation)
     }
 }
 
@@ -186,6 +176,27 @@ pub(super) mod tests {
         assert!((frame.translation.vector - Vec3::new(10.0, 0.0, 0.0)).norm() < 1e-12);
         assert!((frame.rotation * Vec3::z() + Vec3::z()).norm() < 1e-12);
         assert!((frame.rotation * Vec3::x() - Vec3::x()).norm() < 1e-12);
+    }
+
+    /// On an arc of radius 30 mm the blade's edge stays within the slit's half width (.4 mm) all along.
+    #[test]
+    fn a_blade_fits_a_curved_slit() {
+        let mark = |i: i32| {
+            let (sin, cos) = (f64::from(i) / 30.0).sin_cos();
+            Mark {
+                at: Vec3::new(30.0 * sin, 30.0 * cos, 0.0),
+                toward: -Vec3::z(),
+                depth: 4.0,
+                is_ridge: true,
+            }
+        };
+        let line = SplitLine::new((0..=40).map(mark).collect()).unwrap();
+        let frame = line.frame(20.0, 10.0);
+        for x in [-5.0, -2.5, 0.0, 2.5, 5.0] {
+            let edge = frame * nalgebra::Point3::new(x, 0.0, 2.0);
+            let radius = edge.x.hypot(edge.y);
+            assert!((radius - 30.0).abs() < 0.35, "{radius} at {x}");
+        }
     }
 
     #[test]
