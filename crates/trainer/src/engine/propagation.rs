@@ -37,12 +37,7 @@ impl Propagation {
         Self {
             sawn_area: bone.crack_area(),
             bone,
-            settings: PropagationSettings {
-                ligament_edges: std::env::var("OSTEO_LIG")
-                    .ok()
-                    .and_then(|v| v.parse().ok())
-                    .unwrap_or(16),
-            },
+            settings: PropagationSettings::default(),
             state,
             grown,
             seen: 0,
@@ -101,21 +96,7 @@ impl PropagationPart for Propagation {
                 self.grown.write(Arc::clone(&self.bone));
                 Propagated::Grown(Box::new(self.sample(&report)))
             }
-            Ok((None, r)) => {
-                if std::env::var_os("OSTEO_DEBUG").is_some() && loaded.serial % 10 == 0 {
-                    #[allow(clippy::print_stderr)]
-                    {
-                        eprintln!(
-                            "{} strongest {:.3} fronts {} lig {:?}",
-                            loaded.serial,
-                            r.strongest,
-                            r.fronts.iter().map(Vec::len).sum::<usize>(),
-                            r.ligament
-                        );
-                    }
-                }
-                Propagated::Checked
-            }
+            Ok((None, _)) => Propagated::Checked,
             Err(error) => {
                 self.stuck = Some(error.to_string());
                 Propagated::Checked

@@ -1,4 +1,4 @@
-//! The three loops, driven from one thread ([`lockstep`]) or from three ([`realtime`]) through the same steps.
+//! The three loops, driven from one thread ([`lockstep()`]) or from three ([`realtime()`]) through the same steps.
 mod exchange;
 mod lockstep;
 mod realtime;
@@ -247,7 +247,7 @@ mod tests {
                 return Propagated::Idle;
             }
             self.seen = now;
-            if now % 10 != 0 || self.generation >= 40 {
+            if !now.is_multiple_of(10) || self.generation >= 40 {
                 return Propagated::Checked;
             }
             self.generation += 1;

@@ -112,7 +112,8 @@ impl Drop for StopOnDrop<'_> {
     }
 }
 
-/// Paces a loop against absolute deadlines; a deadline that has gone by is counted and not made up for.
+/// Paces a loop against absolute deadlines. A step that ends late is counted, and the next ones follow at once until the
+/// schedule is met again; a loop that has fallen behind by more than [`CATCH_UP`] starts a new schedule.
 struct Pacer {
     start: Instant,
     next: Instant,
@@ -120,6 +121,9 @@ struct Pacer {
     sleeper: spin_sleep::SpinSleeper,
     pace: Pace,
 }
+
+/// A hand would feel a longer burst of hurried steps.
+const CATCH_UP: Duration = Duration::from_millis(20);
 
 impl Pacer {
     fn new(period: Duration) -> Self {
@@ -133,18 +137,19 @@ impl Pacer {
         }
     }
 
-    /// Ends a step and waits for the next deadline.
+    /// Ends a step and waits for its deadline.
     fn wait(&mut self) {
         self.pace.steps += 1;
         let now = Instant::now();
-        if now < self.next {
+        if now <= self.next {
             self.sleeper.sleep_until(self.next);
-            self.next += self.period;
         } else {
-            let late = (now - self.next).as_secs_f64() / self.period.as_secs_f64();
-            self.pace.missed += 1 + late as u64;
-            self.next = now + self.period;
+            self.pace.missed += 1;
+            if now - self.next > CATCH_UP.max(self.period) {
+                self.next = now;
+            }
         }
+        self.next += self.period;
         self.pace.seconds = self.start.elapsed().as_secs_f64();
     }
 }

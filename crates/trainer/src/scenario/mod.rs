@@ -469,7 +469,7 @@ pub struct Surgeon {
     pub force_share: f64,
     /// From the break to the first reaction, at mean \[s\].
     pub reaction_time: f64,
-    /// Time to relax and withdraw after that \[s\].
+    /// Time to untwist after that, before withdrawing \[s\].
     pub relax_time: f64,
     /// Relative spread of speeds and reaction time between seeds.
     pub variation: f64,
@@ -491,7 +491,7 @@ impl Default for Surgeon {
             stall_time: 0.3,
             force_share: 0.9,
             reaction_time: 0.12,
-            relax_time: 0.8,
+            relax_time: 0.4,
             variation: 0.05,
         }
     }

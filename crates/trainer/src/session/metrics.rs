@@ -247,7 +247,6 @@ impl Metrics {
     /// What a person wants to know at the end.
     pub fn outcome(&self) -> Outcome {
         Outcome {
-            complete: self.is_complete(),
             time: self.broken_at,
             ended: self.last_time,
             fragments: self.fragments,
@@ -339,8 +338,6 @@ impl HandGathered {
 /// The session in short, for the summary.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// Two pieces or more.
-    pub complete: bool,
     /// When it broke \[s\].
     pub time: Option<f64>,
     /// When the session ended \[s\].

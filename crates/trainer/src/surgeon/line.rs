@@ -39,7 +39,7 @@ impl SplitLine {
             length += (mark.at - marks[i.saturating_sub(1)].at).norm();
             arc.push(length);
         }
-        if !(length > 0.0) {
+        if length.is_nan() || length <= 0.0 {
             return Err(NoLine);
         }
         let first = marks.iter().position(|m| m.is_ridge);

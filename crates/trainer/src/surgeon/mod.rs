@@ -61,9 +61,7 @@ enum Phase {
     Looking {
         until: f64,
     },
-    Relaxing {
-        until: f64,
-    },
+    Relaxing,
     Done,
 }
 
@@ -219,7 +217,7 @@ impl BuiltInSurgeon {
         self.phase = self.next_phase(crack, felt_loss);
         match self.phase {
             Phase::Splitting | Phase::Reacting { .. } => self.work(crack, wrenches),
-            Phase::Relaxing { .. } => self.relax(),
+            Phase::Relaxing => self.relax(),
             Phase::Looking { .. } | Phase::Done => {}
         }
     }
@@ -243,18 +241,14 @@ impl BuiltInSurgeon {
             Phase::Splitting if broken || felt_loss => Phase::Reacting {
                 until: now + self.habits.reaction_time,
             },
-            Phase::Reacting { until } if now >= until && broken => Phase::Relaxing {
-                until: now + self.habits.relax_time,
-            },
+            Phase::Reacting { until } if now >= until && broken => Phase::Relaxing,
             Phase::Reacting { until } if now >= until => Phase::Looking { until: now + LOOK },
-            Phase::Looking { .. } if broken => Phase::Relaxing {
-                until: now + self.habits.relax_time,
-            },
+            Phase::Looking { .. } if broken => Phase::Relaxing,
             Phase::Looking { until } if now >= until => {
                 self.hands.iter_mut().for_each(|h| h.torque_peak = 0.0);
                 Phase::Splitting
             }
-            Phase::Relaxing { until } if now >= until => Phase::Done,
+            Phase::Relaxing if self.hands.iter().all(|h| self.is_out(h)) => Phase::Done,
             phase => phase,
         }
     }
@@ -376,8 +370,8 @@ impl BuiltInSurgeon {
             return;
         }
         let mut can_drive = false;
-        for i in 0..2 {
-            let has_force = self.has_force(i, &wrenches[i]);
+        for (i, wrench) in wrenches.iter().enumerate() {
+            let has_force = self.has_force(i, wrench);
             let step = self.habits.drive_speed * self.dt;
             let hand = &mut self.hands[i];
             if has_force && hand.bite < self.habits.wedge {
@@ -423,8 +417,12 @@ impl BuiltInSurgeon {
         }
     }
 
+    fn is_out(&self, hand: &Hand) -> bool {
+        hand.twist == 0.0 && hand.depth <= -self.habits.approach_distance
+    }
+
     fn relax(&mut self) {
-        let turn = self.habits.twist_max_deg.to_radians() / self.habits.relax_time * 2.0 * self.dt;
+        let turn = self.habits.twist_max_deg.to_radians() / self.habits.relax_time * self.dt;
         let step = self.habits.approach_speed * self.dt;
         for hand in &mut self.hands {
             if toward(&mut hand.twist, 0.0, turn) {
@@ -618,7 +616,7 @@ mod tests {
         let (mut surgeon, mut bone) = (surgeon(3), FakeBone::new(15.0, 14.0));
         let mut wrenches = [Wrench::default(); 2];
         let mut broken_at = None;
-        while !matches!(surgeon.phase, Phase::Relaxing { .. }) {
+        while !matches!(surgeon.phase, Phase::Relaxing) {
             step(&mut surgeon, &bone, &wrenches);
             wrenches = bone.step(&surgeon);
             if bone.view.severed {
