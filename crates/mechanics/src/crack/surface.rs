@@ -150,7 +150,7 @@ impl CrackSurface {
             let arrived = |v: u32| self.touches_other(sheet, &at(v), stick);
             let is_active = |e: &[u32; 2]| {
                 let middle = (at(e[0]) + at(e[1])) * 0.5;
-                locator.find(mesh, &middle).is_some() && !(arrived(e[0]) && arrived(e[1]))
+                locator.find(mesh, &middle).is_some() && !self.touches_other(sheet, &middle, stick)
             };
             let mut active: Vec<[u32; 2]> = s
                 .mesh
