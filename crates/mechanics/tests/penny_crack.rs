@@ -90,6 +90,7 @@ fn stations(alpha: f64) -> (Vec<Station>, f64) {
         name: "penny".into(),
         mesh: disc(RADIUS, u, v, centre),
         kerf: vec![0.0; 49],
+        ..Default::default()
     };
     let front = Front {
         sheet: 0,

@@ -240,7 +240,7 @@ pub fn grow(
             push_triangle(&mut cut, mesh.corners(t));
         }
         let lead = around.lead_strip(crack, front.sheet, &target.points, &target.directions);
-        (0..lead.triangles.len()).for_each(|t| push_triangle(&mut cut, lead.corners(t)));
+        cut.append(&lead);
     }
     Strip {
         cut,

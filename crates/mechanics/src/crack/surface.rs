@@ -12,6 +12,8 @@ pub struct Sheet {
     pub mesh: TriMesh,
     /// Half the width of the kerf at each vertex \[mm\]: positive where the saw passed, zero where the bone broke.
     pub kerf: Vec<f64>,
+    /// What mechanics has cut ahead of its saw fronts: other sheets end on it as on the sheet itself.
+    pub lead: TriMesh,
 }
 
 /// A point of a sawn line: where the saw enters, which way it goes, and how deep \[mm\].
@@ -53,6 +55,7 @@ impl Sheet {
             name: name.to_owned(),
             mesh,
             kerf,
+            lead: TriMesh::default(),
         }
     }
 
@@ -68,10 +71,16 @@ impl Sheet {
             .min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
-    /// Whether some point of the sheet is closer to `p` than `reach`.
+    /// The sheet's triangles and those of its lead.
+    fn triangles(&self) -> impl Iterator<Item = [Vec3; 3]> {
+        let corners = |m: &'_ TriMesh, t: usize| m.corners(t);
+        let own = (0..self.mesh.triangles.len()).map(move |t| corners(&self.mesh, t));
+        own.chain((0..self.lead.triangles.len()).map(move |t| corners(&self.lead, t)))
+    }
+
+    /// Whether some point of the sheet or of its lead is closer to `p` than `reach`.
     pub fn is_near(&self, p: &Vec3, reach: f64) -> bool {
-        (0..self.mesh.triangles.len()).any(|t| {
-            let corners = self.mesh.corners(t);
+        self.triangles().any(|corners| {
             Aabb::around(&corners).grown(reach).contains(p) && {
                 let w = closest_on_triangle(p, &corners);
                 ((0..3).map(|k| corners[k] * w[k]).sum::<Vec3>() - p).norm() < reach
@@ -79,12 +88,12 @@ impl Sheet {
         })
     }
 
-    /// Share of the way from `p` to `q` at which the sheet is first crossed.
+    /// Share of the way from `p` to `q` at which the sheet or its lead is first crossed.
     pub fn first_crossing(&self, p: &Vec3, q: &Vec3) -> Option<f64> {
         let path = Aabb::around(&[*p, *q]);
-        (0..self.mesh.triangles.len())
-            .filter(|&t| Aabb::around(&self.mesh.corners(t)).overlaps(&path))
-            .filter_map(|t| segment_crosses(p, q, &self.mesh.corners(t)))
+        self.triangles()
+            .filter(|corners| Aabb::around(corners).overlaps(&path))
+            .filter_map(|corners| segment_crosses(p, q, &corners))
             .min_by(f64::total_cmp)
     }
 }
@@ -141,7 +150,7 @@ impl CrackSurface {
             let arrived = |v: u32| self.touches_other(sheet, &at(v), stick);
             let is_active = |e: &[u32; 2]| {
                 let middle = (at(e[0]) + at(e[1])) * 0.5;
-                locator.find(mesh, &middle).is_some() && !(arrived(e[0]) && arrived(e[1]))
+                locator.find(mesh, &middle).is_some() && !self.touches_other(sheet, &middle, stick)
             };
             let mut active: Vec<[u32; 2]> = s
                 .mesh

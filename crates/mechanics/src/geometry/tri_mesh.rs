@@ -22,6 +22,14 @@ impl TriMesh {
         (b - a).cross(&(c - a))
     }
 
+    /// Adds the triangles of another mesh; vertices are not merged.
+    pub fn append(&mut self, other: &Self) {
+        let offset = self.vertices.len() as u32;
+        self.vertices.extend_from_slice(&other.vertices);
+        self.triangles
+            .extend(other.triangles.iter().map(|t| t.map(|v| v + offset)));
+    }
+
     /// Box around all vertices.
     pub fn bounds(&self) -> Aabb {
         Aabb::around(&self.vertices)

@@ -115,7 +115,7 @@ impl Bone {
     ///
     /// # Errors
     /// [`BoneError`] for a material out of range or a body that nothing holds.
-    pub fn new(body: Arc<Body>, crack: CrackSurface) -> Result<Self, BoneError> {
+    pub fn new(body: Arc<Body>, mut crack: CrackSurface) -> Result<Self, BoneError> {
         let needed = body.mesh.tets().len();
         if body.materials.len() != needed {
             return Err(BoneError::MaterialCount {
@@ -132,12 +132,17 @@ impl Bone {
             cuts.cut(&body.mesh, &body.locator, &sheet.mesh, body.chip_nodes());
         }
         let around = body.surroundings();
+        let mut leads = Vec::new();
         for front in crack.fronts(&body.mesh, &body.locator, body.lengths.stick()) {
             let sheet = &crack.sheets[front.sheet];
             let (points, advances) =
                 crate::crack::stress_intensity::front_frames(sheet, &front, body.lengths.h);
             let lead = around.lead_strip(&crack, front.sheet, &points, &advances);
             cuts.cut(&body.mesh, &body.locator, &lead, body.chip_nodes());
+            leads.push((front.sheet, lead));
+        }
+        for (sheet, lead) in leads {
+            crack.sheets[sheet].lead.append(&lead);
         }
         let kept = |p: &&ShellPoint| !in_kerf(&crack, &p.position);
         let points = body.surface.iter().filter(kept).copied().collect();

@@ -43,8 +43,9 @@ const OUTSIDE: f64 = 2.0;
 pub fn prepare(s: &Scenario, progress: &mut dyn FnMut(&str, f64)) -> Result<Prepared> {
     let patient = Patient::build(&patient_spec(s), progress)?;
     let line = split_line(&patient.osteotomy)?;
-    let bone = Bone::new(Arc::new(body(s, &patient)), saw_cuts(&patient))
-        .context("the bone cannot be computed")?;
+    let body = body(s, &patient);
+    let cuts = saw_cuts(&patient, body.lengths.overshoot());
+    let bone = Bone::new(Arc::new(body), cuts).context("the bone cannot be computed")?;
     Ok(Prepared {
         digest: format!("{:016x}", patient.digest()),
         bone: Arc::new(bone),
@@ -115,7 +116,8 @@ fn split_line(osteotomy: &Osteotomy) -> Result<SplitLine> {
     SplitLine::new(marks.collect()).map_err(|e| anyhow!("osteotomy: {e}; give at least two points"))
 }
 
-fn saw_cuts(patient: &Patient) -> CrackSurface {
+/// Neighbouring saw cuts cross by as much as fronts run beyond another sheet, so that no pin-hole stays between them.
+fn saw_cuts(patient: &Patient, overlap: f64) -> CrackSurface {
     let osteotomy = &patient.osteotomy;
     let sheet = |part: &osteotome_anatomy::OsteotomyPart| {
         let line: Vec<_> = part
@@ -127,15 +129,12 @@ fn saw_cuts(patient: &Patient) -> CrackSurface {
                 depth: p.depth,
             })
             .collect();
-        Sheet::ribbon(part.kind.name(), &line, osteotomy.kerf, OUTSIDE, OVERLAP)
+        Sheet::ribbon(part.kind.name(), &line, osteotomy.kerf, OUTSIDE, overlap)
     };
     CrackSurface {
         sheets: osteotomy.parts.iter().map(sheet).collect(),
     }
 }
-
-/// Neighbouring saw cuts cross by this much, so that no pin-hole stays between them \[mm\].
-const OVERLAP: f64 = 2.0;
 
 fn body(s: &Scenario, patient: &Patient) -> Body {
     let mesh = patient.mesh.clone();
