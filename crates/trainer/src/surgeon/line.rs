@@ -55,6 +55,11 @@ impl SplitLine {
         self.ridge[0] + share * (self.ridge[1] - self.ridge[0])
     }
 
+    /// Where the ridge begins and ends.
+    pub fn ridge(&self) -> [f64; 2] {
+        self.ridge
+    }
+
     /// Arc length of the whole line \[mm\].
     pub fn length(&self) -> f64 {
         self.arc[self.arc.len() - 1]
@@ -144,6 +149,25 @@ impl SplitLine {
         let rotation = nalgebra::UnitQuaternion::from_rotation_matrix(&rotation);
         Pose::from_parts(origin.into(), rotation)
     }
+
+    /// How far the slit's middle, at its mouth and its bottom, strays from the plane of a blade of this width at `s` \[mm\].
+    pub fn misfit(&self, s: f64, width: f64) -> f64 {
+        const SAMPLES: i32 = 4;
+        let frame = self.frame(s, width);
+        let stray = |p: Vec3| {
+            frame
+                .inverse_transform_vector(&(p - frame.translation.vector))
+                .y
+                .abs()
+        };
+        (-SAMPLES..=SAMPLES)
+            .map(|i| {
+                let offset = 0.5 * width * f64::from(i) / f64::from(SAMPLES);
+                let m = self.mark((s + offset).clamp(0.0, self.length()));
+                stray(m.at).max(stray(m.at + m.toward * m.depth))
+            })
+            .fold(0.0, f64::max)
+    }
 }
 
 fn any_across(z: &Vec3) -> Vec3 {
@@ -197,6 +221,7 @@ pub(super) mod tests {
             let radius = edge.x.hypot(edge.y);
             assert!((radius - 30.0).abs() < 0.35, "{radius} at {x}");
         }
+        assert!(line.misfit(20.0, 10.0) < 0.35 && line.misfit(20.0, 20.0) > 0.4);
     }
 
     #[test]
