@@ -24,6 +24,7 @@ pub struct SplitLine {
     marks: Vec<Mark>,
     arc: Vec<f64>,
     ridge: [f64; 2],
+    ridge_direction: Vec3,
 }
 
 impl SplitLine {
@@ -47,7 +48,18 @@ impl SplitLine {
             (Some(a), Some(b)) if b > a => [arc[a], arc[b]],
             _ => [0.0, length],
         };
-        Ok(Self { marks, arc, ridge })
+        let on_it = marks
+            .iter()
+            .zip(&arc)
+            .filter(|(_, s)| (ridge[0]..=ridge[1]).contains(*s));
+        let sum = on_it.map(|(m, _)| m.toward).sum::<Vec3>();
+        let ridge_direction = sum.try_normalize(1e-9).unwrap_or(marks[0].toward);
+        Ok(Self {
+            ridge_direction,
+            marks,
+            arc,
+            ridge,
+        })
     }
 
     /// Arc length at a share of the ridge.
@@ -124,10 +136,12 @@ impl SplitLine {
 
     /// The frame of a blade of this width at `s`: origin on the surface, +z into the bone, x along the line, y across it.
     ///
-    /// A slit is neither straight nor flat, a blade is both: +z is the mean direction over the blade's width, and across
-    /// the line the origin lies where the blade's plane runs through the middle of the slit, so that the edge goes in.
+    /// A slit is neither straight nor flat, a blade is both: the blade lies in the slit's mean plane over its width, and
+    /// runs through the middle of it, so that the edge goes in. Within that plane it points along the ridge's mean
+    /// direction, so that the shafts of two blades do not meet; beyond the ridge's ends it turns to the line's own.
     pub fn frame(&self, s: f64, width: f64) -> Pose {
         const SAMPLES: i32 = 4; // each side of the middle: a blade spans a handful of marks
+        const TURN: f64 = 5.0; // mm beyond the ridge
         let half = 0.5 * width;
         let here = self.mark(s);
         let along_blade = |i: i32| {
@@ -135,12 +149,17 @@ impl SplitLine {
             self.mark((s + offset).clamp(0.0, self.length()))
         };
         let samples = || (-SAMPLES..=SAMPLES).map(along_blade);
-        let sum = samples().map(|m| m.toward).sum::<Vec3>();
-        let z = sum.try_normalize(1e-9).unwrap_or(here.toward);
+        let toward = samples().map(|m| m.toward).sum::<Vec3>();
+        let toward = toward.try_normalize(1e-9).unwrap_or(here.toward);
         let chord = along_blade(SAMPLES).at - along_blade(-SAMPLES).at;
-        let along = chord - z * z.dot(&chord);
-        let x = along.try_normalize(1e-9).unwrap_or_else(|| any_across(&z));
-        let y = z.cross(&x);
+        let y = toward.cross(&chord).try_normalize(1e-9);
+        let y = y.unwrap_or_else(|| any_across(&toward));
+        let beyond = (self.ridge[0] - s).max(s - self.ridge[1]).max(0.0);
+        let common = self.ridge_direction.lerp(&toward, (beyond / TURN).min(1.0));
+        let z = (common - y * y.dot(&common))
+            .try_normalize(1e-3)
+            .unwrap_or(toward);
+        let x = y.cross(&z);
         let off = |m: Mark| y.dot(&(m.at + m.toward * (0.5 * m.depth) - here.at));
         let n = f64::from(2 * SAMPLES + 1);
         let origin = here.at + y * (samples().map(off).sum::<f64>() / n);
