@@ -118,6 +118,8 @@ pub struct BuiltInSurgeon {
     habits: scenario::Surgeon,
     line: SplitLine,
     width: [f64; 2],
+    /// Of the longer blade \[mm\].
+    length: f64,
     limits: [scenario::Limits; 2],
     dt: f64,
     time: f64,
@@ -145,7 +147,11 @@ impl BuiltInSurgeon {
         let width = [0, 1].map(|i| scenario.tool[i].chisel.width);
         let spacing = 0.5 * (width[0] + width[1]) + CLEARANCE;
         let slack = 0.5 * scenario.osteotomy.kerf;
-        let start = start_stations(&line, habits.stations, &width, spacing, slack);
+        let length = scenario.tool[0]
+            .chisel
+            .length
+            .max(scenario.tool[1].chisel.length);
+        let start = start_stations(&line, habits.stations, &width, spacing, [slack, length]);
         let stations = stations(&line, &width, slack);
         let hand = |i: usize| Hand {
             task: Task::Approach,
@@ -162,6 +168,7 @@ impl BuiltInSurgeon {
         Self {
             hands: [hand(0), hand(1)],
             width,
+            length,
             limits: [0, 1].map(|i| scenario.tool[i].limits.clone()),
             dt: scenario.loops.dt(),
             time: 0.0,
@@ -403,7 +410,10 @@ impl BuiltInSurgeon {
         let apart = 0.5 * (self.width[0] + self.width[1]) + CLEARANCE;
         let mut best = (0.0, None);
         for (k, station) in self.stations.iter().enumerate() {
-            let is_free = (station.s - stays).abs() >= apart;
+            let mut places = [stays; 2];
+            places[mover] = station.s;
+            let is_free = (station.s - stays).abs() >= apart
+                && self.line.shaft_distance(places, &self.width, self.length) >= apart - CLEARANCE;
             let is_elsewhere = (station.s - self.hands[mover].s).abs() > 2.0;
             let worth = self.worth(station.s, mover, crack)
                 / ((1.0 + station.excess / TOLERABLE) * f64::from(1 + station.visits));
@@ -453,7 +463,7 @@ fn start_stations(
     shares: [f64; 2],
     width: &[f64; 2],
     spacing: f64,
-    slack: f64,
+    [slack, length]: [f64; 2],
 ) -> [f64; 2] {
     const STRIDE: f64 = 0.5; // mm
     const PER_MISFIT: f64 = 20.0; // mm of detour that a mm of misfit is worth
@@ -475,7 +485,8 @@ fn start_stations(
     for (a, cost_a) in &candidates {
         for (b, cost_b) in &candidates {
             let cost = cost_a[0] + cost_b[1];
-            if order * (b - a) >= spacing && cost < best.0 {
+            let is_better = order * (b - a) >= spacing && cost < best.0;
+            if is_better && line.shaft_distance([*a, *b], width, length) >= spacing - CLEARANCE {
                 best = (cost, [*a, *b]);
             }
         }
