@@ -1,18 +1,20 @@
 //! All that is said to the user: the only module that prints.
-#![allow(clippy::print_stdout, clippy::print_stderr)]
 use crate::session::{LoopFigures, Outcome};
 use indicatif::{ProgressBar, ProgressStyle};
+use std::io::Write;
 use std::time::{Duration, Instant};
 
 /// Text for people and programs, on standard output.
 pub fn say(text: &str) {
-    println!("{text}");
+    // Whoever reads may have gone away (a closed pipe): not a failure of ours.
+    let _ = writeln!(std::io::stdout(), "{text}");
 }
 
 /// One line on standard error.
 pub fn complain(error: &anyhow::Error) {
     let text = format!("{error:#}");
-    eprintln!(
+    let _ = writeln!(
+        std::io::stderr(),
         "osteotome: {}",
         text.split('\n')
             .map(str::trim)

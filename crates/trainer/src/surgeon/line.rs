@@ -24,6 +24,7 @@ pub struct SplitLine {
     marks: Vec<Mark>,
     arc: Vec<f64>,
     ridge: [f64; 2],
+    ridge_direction: Vec3,
 }
 
 impl SplitLine {
@@ -47,12 +48,28 @@ impl SplitLine {
             (Some(a), Some(b)) if b > a => [arc[a], arc[b]],
             _ => [0.0, length],
         };
-        Ok(Self { marks, arc, ridge })
+        let on_it = marks
+            .iter()
+            .zip(&arc)
+            .filter(|(_, s)| (ridge[0]..=ridge[1]).contains(*s));
+        let sum = on_it.map(|(m, _)| m.toward).sum::<Vec3>();
+        let ridge_direction = sum.try_normalize(1e-9).unwrap_or(marks[0].toward);
+        Ok(Self {
+            ridge_direction,
+            marks,
+            arc,
+            ridge,
+        })
     }
 
     /// Arc length at a share of the ridge.
     pub fn on_ridge(&self, share: f64) -> f64 {
         self.ridge[0] + share * (self.ridge[1] - self.ridge[0])
+    }
+
+    /// Where the ridge begins and ends.
+    pub fn ridge(&self) -> [f64; 2] {
+        self.ridge
     }
 
     /// Arc length of the whole line \[mm\].
@@ -119,10 +136,12 @@ impl SplitLine {
 
     /// The frame of a blade of this width at `s`: origin on the surface, +z into the bone, x along the line, y across it.
     ///
-    /// A slit is neither straight nor flat, a blade is both: +z is the mean direction over the blade's width, and across
-    /// the line the origin lies where the blade's plane runs through the middle of the slit, so that the edge goes in.
+    /// A slit is neither straight nor flat, a blade is both: the blade lies in the slit's mean plane over its width, and
+    /// runs through the middle of it, so that the edge goes in. Within that plane it points along the ridge's mean
+    /// direction, so that the shafts of two blades do not meet; beyond the ridge's ends it turns to the line's own.
     pub fn frame(&self, s: f64, width: f64) -> Pose {
         const SAMPLES: i32 = 4; // each side of the middle: a blade spans a handful of marks
+        const TURN: f64 = 5.0; // mm beyond the ridge
         let half = 0.5 * width;
         let here = self.mark(s);
         let along_blade = |i: i32| {
@@ -130,12 +149,17 @@ impl SplitLine {
             self.mark((s + offset).clamp(0.0, self.length()))
         };
         let samples = || (-SAMPLES..=SAMPLES).map(along_blade);
-        let sum = samples().map(|m| m.toward).sum::<Vec3>();
-        let z = sum.try_normalize(1e-9).unwrap_or(here.toward);
+        let toward = samples().map(|m| m.toward).sum::<Vec3>();
+        let toward = toward.try_normalize(1e-9).unwrap_or(here.toward);
         let chord = along_blade(SAMPLES).at - along_blade(-SAMPLES).at;
-        let along = chord - z * z.dot(&chord);
-        let x = along.try_normalize(1e-9).unwrap_or_else(|| any_across(&z));
-        let y = z.cross(&x);
+        let y = toward.cross(&chord).try_normalize(1e-9);
+        let y = y.unwrap_or_else(|| any_across(&toward));
+        let beyond = (self.ridge[0] - s).max(s - self.ridge[1]).max(0.0);
+        let common = self.ridge_direction.lerp(&toward, (beyond / TURN).min(1.0));
+        let z = (common - y * y.dot(&common))
+            .try_normalize(1e-3)
+            .unwrap_or(toward);
+        let x = y.cross(&z);
         let off = |m: Mark| y.dot(&(m.at + m.toward * (0.5 * m.depth) - here.at));
         let n = f64::from(2 * SAMPLES + 1);
         let origin = here.at + y * (samples().map(off).sum::<f64>() / n);
@@ -143,6 +167,25 @@ impl SplitLine {
         let rotation = nalgebra::Rotation3::from_matrix_unchecked(axes);
         let rotation = nalgebra::UnitQuaternion::from_rotation_matrix(&rotation);
         Pose::from_parts(origin.into(), rotation)
+    }
+
+    /// How far the slit's middle, at its mouth and its bottom, strays from the plane of a blade of this width at `s` \[mm\].
+    pub fn misfit(&self, s: f64, width: f64) -> f64 {
+        const SAMPLES: i32 = 4;
+        let frame = self.frame(s, width);
+        let stray = |p: Vec3| {
+            frame
+                .inverse_transform_vector(&(p - frame.translation.vector))
+                .y
+                .abs()
+        };
+        (-SAMPLES..=SAMPLES)
+            .map(|i| {
+                let offset = 0.5 * width * f64::from(i) / f64::from(SAMPLES);
+                let m = self.mark((s + offset).clamp(0.0, self.length()));
+                stray(m.at).max(stray(m.at + m.toward * m.depth))
+            })
+            .fold(0.0, f64::max)
     }
 }
 
@@ -197,6 +240,7 @@ pub(super) mod tests {
             let radius = edge.x.hypot(edge.y);
             assert!((radius - 30.0).abs() < 0.35, "{radius} at {x}");
         }
+        assert!(line.misfit(20.0, 10.0) < 0.35 && line.misfit(20.0, 20.0) > 0.4);
     }
 
     #[test]

@@ -89,14 +89,16 @@ struct Hand {
     torque_peak: f64,
 }
 
+/// A misfit that halves a station's worth \[mm\].
+const TOLERABLE: f64 = 0.5;
 /// Clearance above the bone when moving along the line, and between two blades \[mm\].
 const CLEARANCE: f64 = 2.0;
 /// Hands follow the moving bone with this delay \[s\]: faster than voluntary motion (8-10 Hz) they cannot.
 const FOLLOWING: f64 = 0.05;
 /// A tip this near to its goal is there \[mm\].
 const ARRIVED: f64 = 0.05;
-/// The hand goes at most this far beyond a goal that the tip does not reach \[mm\].
-const MOST_LAG: f64 = 25.0;
+/// The hand goes at most this far beyond a tip that does not follow \[mm\].
+const MOST_LAG: f64 = 50.0;
 /// Above this share of the device's torque the bone is under strain, whatever the twist.
 const STRAINED: f64 = 0.8;
 /// Front vertices this far along the line belong to a blade's neighbourhood \[mm\], beside half its width.
@@ -124,6 +126,7 @@ pub struct BuiltInSurgeon {
     generation: u64,
     last_growth: f64,
     last_drive: f64,
+    stations: Vec<Station>,
 }
 
 impl BuiltInSurgeon {
@@ -140,11 +143,10 @@ impl BuiltInSurgeon {
             *amount *= 1.0 + scenario.surgeon.variation * dice.roll();
         }
         let width = [0, 1].map(|i| scenario.tool[i].chisel.width);
-        let start = apart(
-            &line,
-            habits.stations,
-            0.5 * (width[0] + width[1]) + CLEARANCE,
-        );
+        let spacing = 0.5 * (width[0] + width[1]) + CLEARANCE;
+        let slack = 0.5 * scenario.osteotomy.kerf;
+        let start = start_stations(&line, habits.stations, &width, spacing, slack);
+        let stations = stations(&line, &width, slack);
         let hand = |i: usize| Hand {
             task: Task::Approach,
             s: start[i],
@@ -167,6 +169,7 @@ impl BuiltInSurgeon {
             generation: 0,
             last_growth: 0.0,
             last_drive: 0.0,
+            stations,
             habits,
             line,
         }
@@ -298,7 +301,7 @@ impl BuiltInSurgeon {
         if hand.tip >= goal - ARRIVED {
             return true;
         }
-        if allowed && hand.depth < goal + MOST_LAG {
+        if allowed && hand.depth - hand.tip < MOST_LAG {
             hand.progress = self.time;
             hand.depth += step;
         }
@@ -374,7 +377,7 @@ impl BuiltInSurgeon {
             let has_force = self.has_force(i, wrench);
             let step = self.habits.drive_speed * self.dt;
             let hand = &mut self.hands[i];
-            if has_force && hand.bite < self.habits.wedge {
+            if has_force && hand.bite < self.habits.wedge && hand.depth - hand.tip < MOST_LAG {
                 hand.bite += step;
                 can_drive = true;
             }
@@ -392,29 +395,40 @@ impl BuiltInSurgeon {
         wrench.force.norm() < self.habits.force_share * self.limits[i].force
     }
 
-    /// The chisel nearer to what still holds goes there; where it is there already, the other one comes beside it.
+    /// The chisel that does less goes to where most of what still holds is within its reach, and not tried too often.
     fn move_to_ligament(&mut self, crack: &CrackView) {
-        self.hands.iter_mut().for_each(|h| h.bite = 0.0);
-        let n = crack.front.len();
-        if n == 0 {
-            return;
-        }
-        let middle = crack.front.iter().sum::<Vec3>() / n as f64;
-        let goal = self.line.nearest(&middle);
-        let gap = |i: usize| (self.hands[i].s - goal).abs();
-        let nearer = usize::from(gap(1) < gap(0));
+        let worth = [0, 1].map(|i| self.worth(self.hands[i].s, i, crack));
+        let mover = usize::from(worth[1] < worth[0]);
+        let stays = self.hands[1 - mover].s;
         let apart = 0.5 * (self.width[0] + self.width[1]) + CLEARANCE;
-        let (mover, to) = if gap(nearer) > 2.0 {
-            (nearer, goal)
-        } else {
-            let side = (self.hands[1 - nearer].s - self.hands[nearer].s).signum();
-            (1 - nearer, self.hands[nearer].s + side * apart)
-        };
-        let to = to.clamp(0.0, self.line.length());
-        let clear = (to - self.hands[1 - mover].s).abs() >= apart - 1e-9;
-        if clear && (to - self.hands[mover].s).abs() > 2.0 {
-            self.hands[mover].task = Task::Withdraw { to };
+        let mut best = (0.0, None);
+        for (k, station) in self.stations.iter().enumerate() {
+            let is_free = (station.s - stays).abs() >= apart;
+            let is_elsewhere = (station.s - self.hands[mover].s).abs() > 2.0;
+            let worth = self.worth(station.s, mover, crack)
+                / ((1.0 + station.excess / TOLERABLE) * f64::from(1 + station.visits));
+            if is_free && is_elsewhere && worth > best.0 {
+                best = (worth, Some(k));
+            }
         }
+        if let Some(k) = best.1 {
+            self.stations[k].visits += 1;
+            let hand = &mut self.hands[mover];
+            hand.bite = 0.0;
+            hand.task = Task::Withdraw {
+                to: self.stations[k].s,
+            };
+        }
+    }
+
+    /// How much of what still holds lies below a blade at `s`.
+    fn worth(&self, s: f64, i: usize, crack: &CrackView) -> f64 {
+        let frame = self.line.frame(s, self.width[i]);
+        let is_below = |p: &&Vec3| {
+            let local = frame.inverse_transform_vector(&(*p - frame.translation.vector));
+            local.x.abs() < self.width[i] && local.y.abs() < self.width[i] && local.z > 0.0
+        };
+        crack.front.iter().filter(is_below).count() as f64
     }
 
     fn is_out(&self, hand: &Hand) -> bool {
@@ -432,11 +446,73 @@ impl BuiltInSurgeon {
     }
 }
 
-/// The stations on the ridge, moved apart evenly until blades this far from middle to middle do not touch.
-fn apart(line: &SplitLine, shares: [f64; 2], spacing: f64) -> [f64; 2] {
-    let [a, b] = shares.map(|share| line.on_ridge(share));
-    let short = 0.5 * (spacing - (b - a).abs()).max(0.0) * if b < a { -1.0 } else { 1.0 };
-    [a - short, b + short].map(|s| s.clamp(0.0, line.length()))
+/// Where the blades go in first: near the wanted shares of the ridge, far enough from each other, and above all where a
+/// straight blade fits into the slit.
+fn start_stations(
+    line: &SplitLine,
+    shares: [f64; 2],
+    width: &[f64; 2],
+    spacing: f64,
+    slack: f64,
+) -> [f64; 2] {
+    const STRIDE: f64 = 0.5; // mm
+    const PER_MISFIT: f64 = 20.0; // mm of detour that a mm of misfit is worth
+    let [first, last] = line.ridge();
+    let wanted = shares.map(|share| line.on_ridge(share));
+    let order = if wanted[1] < wanted[0] { -1.0 } else { 1.0 };
+    let n = ((last - first) / STRIDE) as usize;
+    let candidates: Vec<(f64, [f64; 2])> = (0..=n)
+        .map(|k| {
+            let s = first + STRIDE * k as f64;
+            let cost = |i: usize| {
+                let excess = (line.misfit(s, width[i]) - slack).max(0.0);
+                PER_MISFIT * excess + (s - wanted[i]).abs()
+            };
+            (s, [cost(0), cost(1)])
+        })
+        .collect();
+    let mut best = (f64::INFINITY, wanted);
+    for (a, cost_a) in &candidates {
+        for (b, cost_b) in &candidates {
+            let cost = cost_a[0] + cost_b[1];
+            if order * (b - a) >= spacing && cost < best.0 {
+                best = (cost, [*a, *b]);
+            }
+        }
+    }
+    if best.0 < f64::INFINITY {
+        return best.1;
+    }
+    // A ridge too short for two blades: evenly beyond its ends.
+    let middle = 0.5 * (wanted[0] + wanted[1]);
+    [-0.5, 0.5].map(|half| (middle + order * half * spacing).clamp(0.0, line.length()))
+}
+
+/// A place on the line where a blade may be put.
+#[derive(Clone, Copy, Debug)]
+struct Station {
+    s: f64,
+    /// By how much the slit is too crooked there for a blade \[mm\].
+    excess: f64,
+    /// How often it has been tried.
+    visits: u32,
+}
+
+/// Stations all along the line, a few millimetres apart.
+fn stations(line: &SplitLine, width: &[f64; 2], slack: f64) -> Vec<Station> {
+    const STRIDE: f64 = 3.0; // mm
+    let n = (line.length() / STRIDE) as usize;
+    (0..=n)
+        .map(|k| {
+            let s = STRIDE * k as f64;
+            let excess = (line.misfit(s, width[0].max(width[1])) - slack).max(0.0);
+            Station {
+                s,
+                excess,
+                visits: 0,
+            }
+        })
+        .collect()
 }
 
 /// Moves `value` to `goal` by at most `step`; says whether it is there.
