@@ -439,8 +439,11 @@ impl BuiltInSurgeon {
         let turn = self.habits.twist_max_deg.to_radians() / self.habits.relax_time * self.dt;
         let step = self.habits.approach_speed * self.dt;
         for hand in &mut self.hands {
-            if toward(&mut hand.twist, 0.0, turn) {
-                toward(&mut hand.depth, -self.habits.approach_distance, step);
+            // First the push ends, then the twist, then the chisel comes out.
+            let resting = hand.depth <= hand.tip;
+            let unwound = toward(&mut hand.twist, 0.0, turn);
+            if !resting || unwound {
+                toward(&mut hand.depth, -self.habits.approach_distance, 2.0 * step);
             }
         }
     }
