@@ -271,11 +271,11 @@ impl CellQuery<'_> {
     }
 }
 
-/// A wall looks at the blade's side if its normal is within 60 degrees of the blade's.
-const SIDE_COSINE: f64 = 0.5;
+/// A wall looks at the blade's side if its normal is within 70 degrees of the blade's.
+const SIDE_COSINE: f64 = 0.34;
 /// Deeper than this behind its own side \[mm\] a wall's point takes the nearest way out after all: then the blade did not
 /// come down the crack, and a first contact must not begin with the whole thickness of the blade.
-pub const SIDE_DEPTH: f64 = 1.2;
+pub const SIDE_DEPTH: f64 = 2.5;
 
 /// `q = M N` for a block of points; straight loops over slices, so that the compiler vectorises them.
 fn transform(m: &Matrix3x4<f32>, weights: [&[f32]; 4], q: &mut [[f32; BLOCK]; 3]) {

@@ -18,7 +18,8 @@ impl StressIntensity {
         self.k1 * self.k1 + self.k2 * self.k2 + self.k3 * self.k3 / (1.0 - poisson_ratio)
     }
 
-    /// E' G(theta) of an infinitesimal kink at `angle` \[rad\], zero where the kink would close.
+    /// E' G(theta) of an infinitesimal kink at `angle` \[rad\]. Where the kink would close, its faces press on each other and
+    /// only sliding and tearing release energy (without friction between the faces).
     ///
     /// In-plane part: series of Amestoy & Leblond (1992), good to 0.1 % up to 80 degrees. Out of plane: the factor
     /// ((1 - m) / (1 + m))^(m/2), m = angle / pi, of the antiplane problem.
@@ -27,9 +28,7 @@ impl StressIntensity {
         let [f11, f12, f21, f22] = amestoy_leblond(m);
         let k1 = f11 * self.k1 + f12 * self.k2;
         let k2 = f21 * self.k1 + f22 * self.k2;
-        if k1 <= 0.0 {
-            return 0.0;
-        }
+        let k1 = k1.max(0.0);
         let k3 = ((1.0 - m) / (1.0 + m)).powf(0.5 * m) * self.k3;
         k1 * k1 + k2 * k2 + k3 * k3 / (1.0 - poisson_ratio)
     }

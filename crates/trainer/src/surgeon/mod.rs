@@ -100,7 +100,7 @@ const ARRIVED: f64 = 0.05;
 /// The hand goes at most this far beyond a tip that does not follow \[mm\].
 const MOST_LAG: f64 = 50.0;
 /// Above this share of the device's torque the bone is under strain, whatever the twist.
-const STRAINED: f64 = 0.8;
+const STRAINED: f64 = 0.95;
 /// Front vertices this far along the line belong to a blade's neighbourhood \[mm\], beside half its width.
 const NEIGHBOURHOOD: f64 = 4.0;
 /// A torque that falls below this share of its recent peak is a break felt.
@@ -371,7 +371,7 @@ impl BuiltInSurgeon {
             return;
         }
         let most = self.habits.twist_max_deg.to_radians();
-        let strained = [0, 1].into_iter().any(|i| {
+        let strained = [0, 1].into_iter().all(|i| {
             self.hands[i].twist.abs() >= most
                 || wrenches[i].torque.norm() > STRAINED * self.limits[i].torque
         });
@@ -449,8 +449,11 @@ impl BuiltInSurgeon {
         let turn = self.habits.twist_max_deg.to_radians() / self.habits.relax_time * self.dt;
         let step = self.habits.approach_speed * self.dt;
         for hand in &mut self.hands {
-            if toward(&mut hand.twist, 0.0, turn) {
-                toward(&mut hand.depth, -self.habits.approach_distance, step);
+            // First the push ends, then the twist, then the chisel comes out.
+            let resting = hand.depth <= hand.tip;
+            let unwound = toward(&mut hand.twist, 0.0, turn);
+            if !resting || unwound {
+                toward(&mut hand.depth, -self.habits.approach_distance, 2.0 * step);
             }
         }
     }
