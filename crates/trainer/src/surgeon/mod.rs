@@ -469,6 +469,7 @@ fn start_stations(
     [slack, length]: [f64; 2],
 ) -> [f64; 2] {
     const STRIDE: f64 = 0.5; // mm
+    const END_CLEARANCE: f64 = 0.5; // mm
     const PER_MISFIT: f64 = 20.0; // mm of detour that a mm of misfit is worth
     let [first, last] = line.ridge();
     let wanted = shares.map(|share| line.on_ridge(share));
@@ -479,7 +480,10 @@ fn start_stations(
             let s = first + STRIDE * k as f64;
             let cost = |i: usize| {
                 let excess = (line.misfit(s, width[i]) - slack).max(0.0);
-                PER_MISFIT * excess + (s - wanted[i]).abs()
+                // Beyond the ends of this cut a blade would stand on bone.
+                let reach = 0.5 * width[i] + END_CLEARANCE;
+                let beyond = (first + reach - s).max(s + reach - last).max(0.0);
+                PER_MISFIT * (excess + beyond) + (s - wanted[i]).abs()
             };
             (s, [cost(0), cost(1)])
         })
