@@ -2,10 +2,11 @@
 use super::bone::{Bone, BoneState};
 use super::crack_faces::FaceContact;
 use super::relaxation::Acceleration;
+use super::yielding::{Patch, Yielding};
 use crate::bone::SolveScratch;
-use crate::contact::{Anchors, BoundingVolumes, ContactScene, Wrench};
+use crate::contact::{Anchors, BoundingVolumes, ContactScene, PointForce, Wrench};
 use crate::crack::stress_intensity::CellForce;
-use crate::geometry::Pose;
+use crate::geometry::{Pose, Vec3};
 use crate::tool::{
     ScratchLimits, SolveSettings, ToolInput, ToolModel, ToolScratch, ToolsResult, ToolsState,
     solve_tools,
@@ -81,6 +82,7 @@ pub struct MainState {
     faces: FaceContact,
     solve: SolveScratch,
     acceleration: Acceleration,
+    yielding: Yielding,
     trial: Vec<f64>,
 }
 
@@ -95,6 +97,7 @@ impl MainState {
             faces: FaceContact::default(),
             solve: bone.system.scratch(1),
             acceleration: Acceleration::default(),
+            yielding: Yielding::default(),
             trial: Vec::new(),
             bone: state,
         }
@@ -142,7 +145,7 @@ pub fn main_step(
         // 4-6: query, both tools to rest against the bone as it stands.
         let result = rest_tools(bone, model, settings, state, input, &mut tools);
         // 1-2: the forces of those contacts, and the bone under them with the kept factor.
-        let (trial, loads) = solve_bone(bone, model, state);
+        let (trial, loads) = solve_bone(bone, model, state, input, &tools, iterations == 1);
         // 7: convergence.
         let (residual, scale) = change(&state.bone.x, &trial);
         let tolerance = settings
@@ -213,34 +216,35 @@ fn solve_bone(
     bone: &Bone,
     model: &ToolModel,
     state: &mut MainState,
+    input: &MainInput,
+    tools: &ToolsState,
+    is_first: bool,
 ) -> (Vec<f64>, Vec<(CellForce, Source)>) {
-    let scene = ContactScene {
-        shell: &bone.shell,
-        volumes: &state.volumes,
-        deformation: &state.bone.deformation,
+    let forces = state.tools.point_forces(
+        model,
+        &ContactScene {
+            shell: &bone.shell,
+            volumes: &state.volumes,
+            deformation: &state.bone.deformation,
+        },
+    );
+    let load = |f: &PointForce| CellForce {
+        cell: f.cell,
+        weights: f.weights.map(f64::from),
+        force: f.force,
     };
-    let mut loads: Vec<_> = state
-        .tools
-        .point_forces(model, &scene)
-        .iter()
-        .map(|f| {
-            let weights = f.weights.map(f64::from);
-            let force = f.force;
-            (
-                CellForce {
-                    cell: f.cell,
-                    weights,
-                    force,
-                },
-                Source::Tool,
-            )
-        })
-        .collect();
+    let mut loads: Vec<_> = forces.iter().map(|f| (load(f), Source::Tool)).collect();
+    if is_first {
+        let points: Vec<_> = forces.iter().map(|f| (f.point, load(f))).collect();
+        let patches = patches(model, input, tools, points, state.tools.contacts(0).len());
+        state.yielding.prepare(bone, &patches, &mut state.solve);
+    }
     let mut x = std::mem::take(&mut state.trial);
     x.clear();
     x.resize(bone.system.n(), 0.0);
     bone.add_loads(loads.iter().map(|l| &l.0), &mut x);
     bone.system.solve(&mut x, &mut state.solve);
+    state.yielding.apply(&mut x, &state.bone.x);
     let pressures = state.faces.press(
         bone.generation,
         &bone.faces,
@@ -252,6 +256,26 @@ fn solve_bone(
     );
     loads.extend(pressures.into_iter().map(|p| (p, Source::Face)));
     (x, loads)
+}
+
+/// The contacts of each tool (the first tool's come first) with its coupling's stiffness.
+fn patches(
+    model: &ToolModel,
+    input: &MainInput,
+    tools: &ToolsState,
+    mut points: Vec<(Vec3, CellForce)>,
+    n_first: usize,
+) -> [Patch; 2] {
+    let second = points.split_off(n_first.min(points.len()));
+    let patch = |t: usize, contacts| Patch {
+        contacts,
+        tool: tools.poses[t],
+        stiffness: model.tools[t]
+            .coupling
+            .respond(&input.devices[t], &tools.poses[t])
+            .stiffness,
+    };
+    [patch(0, points), patch(1, second)]
 }
 
 /// Largest change of an unknown, and the largest unknown \[mm\].

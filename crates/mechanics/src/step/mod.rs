@@ -8,6 +8,7 @@ pub mod main;
 mod propagation;
 mod relaxation;
 mod walls;
+mod yielding;
 
 pub use bone::{Body, Bone, BoneError, BoneState, Region};
 pub use crack_faces::{CrackFaces, FaceContact};

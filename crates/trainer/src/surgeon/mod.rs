@@ -100,7 +100,9 @@ const ARRIVED: f64 = 0.05;
 /// The hand goes at most this far beyond a tip that does not follow \[mm\].
 const MOST_LAG: f64 = 50.0;
 /// Above this share of the device's torque the bone is under strain, whatever the twist.
-const STRAINED: f64 = 0.95;
+const STRAINED: f64 = 0.75;
+/// At this share of the device's torque the surgeon twists no further.
+const HOLD: f64 = 0.8;
 /// Front vertices this far along the line belong to a blade's neighbourhood \[mm\], beside half its width.
 const NEIGHBOURHOOD: f64 = 4.0;
 /// A torque that falls below this share of its recent peak is a break felt.
@@ -319,7 +321,9 @@ impl BuiltInSurgeon {
         let rate = self.habits.twist_rate_deg.to_radians() * self.dt;
         let most = self.habits.twist_max_deg.to_radians();
         let both = self.hands.iter().all(|h| h.task == Task::Split);
-        if both {
+        // Winding up a coupling that has no more to give would only hide the break from the hand.
+        let has_torque = wrench.torque.norm() < HOLD * self.limits[i].torque;
+        if both && has_torque {
             let hand = &mut self.hands[i];
             toward(&mut hand.twist, hand.sense * most, rate);
         }
