@@ -13,7 +13,7 @@ pub struct PropagationSettings {
 
 impl Default for PropagationSettings {
     fn default() -> Self {
-        Self { ligament_edges: 8 }
+        Self { ligament_edges: 12 }
     }
 }
 
@@ -139,7 +139,7 @@ pub fn propagation_step(
 }
 
 /// Largest area that tears as a whole, in squared element sizes: about that of the integrals' domain.
-const LARGEST_LIGAMENT: f64 = 3.0;
+const LARGEST_LIGAMENT: f64 = 4.0;
 
 /// The last ligament between the ends, and its energy release rate over its toughness if it tears as a whole.
 ///

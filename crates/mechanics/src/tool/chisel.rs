@@ -79,8 +79,8 @@ const GRID_MARGIN: f64 = 2.0;
 /// Between samples of the surface \[mm\].
 const SAMPLE_SPACING: f64 = 2.0;
 
-/// A wall is pushed off its side of the blade, not off the blade's narrow ends: only where a point is this much nearer to the
-/// end does it go that way.
+/// A wall is pushed off its side of the blade, not off the blade's narrow ends or its edge (that would lift a twisted blade out of
+/// the slit): only where a point is this much nearer to the end does it go that way.
 const END_STEEPNESS: f64 = 3.0;
 
 impl Chisel {
@@ -125,10 +125,11 @@ impl Chisel {
 
     /// The blade for contact.
     pub fn shape(&self) -> RigidShape {
-        let side = |outline: [[f64; 2]; 5]| {
+        let side = |outline: [[f64; 2]; 6]| {
             self.grid(SIDE_DEPTH, |p| {
                 let along = p.x.abs() - 0.5 * self.parameters.width;
-                polygon_distance(&outline, [p.y, p.z]).max(END_STEEPNESS * along)
+                let side = polygon_distance(&outline, [p.y, p.z]);
+                side.max(END_STEEPNESS * along.max(p.z))
             })
         };
         RigidShape {
@@ -189,14 +190,28 @@ impl Chisel {
         along.max(in_plane).min(0.0) + along.max(0.0).hypot(in_plane.max(0.0))
     }
 
-    /// The outline with everything on the `side` (+1, -1) of y filled far beyond the blade.
-    fn extended(&self, side: f64) -> [[f64; 2]; 5] {
+    /// The outline with everything on the `side` (+1, -1) of y filled far beyond the blade, and far below its edge.
+    fn extended(&self, side: f64) -> [[f64; 2]; 6] {
         let o = &self.outline;
-        let (far, back) = (side * 100.0, -self.parameters.length);
+        let (far, back, below) = (side * 100.0, -self.parameters.length, 100.0);
         if side > 0.0 {
-            [[far, back], [far, 0.0], o[3], o[4], o[5]]
+            [
+                [far, back],
+                [far, below],
+                [o[3][0], below],
+                o[3],
+                o[4],
+                o[5],
+            ]
         } else {
-            [o[0], o[1], o[2], [far, 0.0], [far, back]]
+            [
+                o[0],
+                o[1],
+                o[2],
+                [o[2][0], below],
+                [far, below],
+                [far, back],
+            ]
         }
     }
 
