@@ -270,7 +270,7 @@ pub struct Contact {
 impl Default for Contact {
     fn default() -> Self {
         Self {
-            stiffness: 500.0,
+            stiffness: 4000.0,
             friction: 0.3,
         }
     }
@@ -484,12 +484,12 @@ impl Default for Surgeon {
             drive_speed: 10.0,
             insert_depth: 0.9,
             twist_rate_deg: 40.0,
-            twist_max_deg: 40.0,
+            twist_max_deg: 45.0,
             behind_front: 2.0,
             wedge: 15.0,
             max_depth: 25.0,
             stall_time: 0.3,
-            force_share: 0.9,
+            force_share: 0.6,
             reaction_time: 0.12,
             relax_time: 0.4,
             variation: 0.05,
