@@ -499,9 +499,9 @@ fn zip(mesh: &mut TriMesh, old: &[u32], new: &[u32]) {
             [old[i], new[j], old[i + 1]]
         };
         if take_new {
-            j += 1
+            j += 1;
         } else {
-            i += 1
+            i += 1;
         }
         let [a, b, c] = triangle;
         if a != b && b != c && c != a {

@@ -431,7 +431,7 @@ fn configurational_forces(fields: &Fields, states: &[CellState], near: &[NearNod
     }
     // Loads inside the domain: - int t . (grad u q).
     for_loads(fields, near, |p, weight, grad_u, force| {
-        c[p] -= grad_u.transpose() * force * weight
+        c[p] -= grad_u.transpose() * force * weight;
     });
     c
 }

@@ -80,7 +80,7 @@ impl TetMesh {
                 return Err(MeshError::NoSuchNode { tet, node, n_nodes });
             }
             let (volume, gradient) = shape(&t.map(|n| nodes[n as usize]));
-            if !(volume > 0.0) {
+            if volume.is_nan() || volume <= 0.0 {
                 return Err(MeshError::NotPositive { tet, volume });
             }
             volumes.push(volume);

@@ -247,7 +247,7 @@ impl Bone {
             state.x.iter_mut().for_each(|v| *v *= share);
             n.for_each(|i| {
                 self.system
-                    .add_displacement(i, &(was(i) * (1.0 - share)), &mut state.x)
+                    .add_displacement(i, &(was(i) * (1.0 - share)), &mut state.x);
             });
         }
     }

@@ -77,7 +77,7 @@ impl Yielding {
         let system = DMatrix::identity(m, m) + &self.stiffness * c;
         match system.lu().solve(&self.stiffness) {
             Some(correction) if correction.iter().all(|v| v.is_finite()) => {
-                self.correction = correction
+                self.correction = correction;
             }
             _ => self.n = 0,
         }

@@ -28,7 +28,7 @@ pub struct Prepared {
 }
 
 /// Nodes this near to a condyle's centre are held \[mm\]: its head.
-const CONDYLE_RADIUS: f64 = 6.0;
+const CONDYLE_RADIUS: f64 = 2.5;
 /// The hand that steadies the chin holds the nodes this near to its middle \[mm\].
 const CHIN_RADIUS: f64 = 15.0;
 /// The element size that counts for growth is that within this distance of the line \[mm\].

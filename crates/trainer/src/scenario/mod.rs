@@ -490,8 +490,8 @@ impl Default for Surgeon {
             max_depth: 25.0,
             stall_time: 0.3,
             force_share: 0.6,
-            reaction_time: 0.12,
-            relax_time: 0.4,
+            reaction_time: 0.06,
+            relax_time: 0.15,
             variation: 0.05,
         }
     }

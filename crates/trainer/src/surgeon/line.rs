@@ -65,18 +65,6 @@ impl SplitLine {
         self.arc[self.arc.len() - 1]
     }
 
-    /// Arc length of the mark nearest to a place.
-    pub fn nearest(&self, place: &Vec3) -> f64 {
-        let mut best = (f64::INFINITY, 0.0);
-        for (mark, s) in self.marks.iter().zip(&self.arc) {
-            let d = (mark.at - place).norm_squared();
-            if d < best.0 {
-                best = (d, *s);
-            }
-        }
-        best.1
-    }
-
     /// The marks.
     pub fn marks(&self) -> &[Mark] {
         &self.marks

@@ -722,7 +722,7 @@ mod tests {
             }
         }
         let reaction = surgeon.time - broken_at.unwrap();
-        assert!((0.1..0.15).contains(&reaction), "{reaction} s");
+        assert!((0.05..0.08).contains(&reaction), "{reaction} s");
     }
 
     #[test]
