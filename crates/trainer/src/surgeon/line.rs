@@ -234,7 +234,6 @@ pub(super) mod tests {
     fn places_and_shares_are_measured_along_the_line() {
         let line = straight();
         assert!((line.on_ridge(0.5) - 15.0).abs() < 1e-12);
-        assert!((line.nearest(&Vec3::new(33.2, 5.0, -9.0)) - 33.0).abs() < 1e-12);
         assert!((line.mark(7.5).at.x - 7.5).abs() < 1e-12);
     }
 
