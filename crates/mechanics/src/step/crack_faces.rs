@@ -216,8 +216,7 @@ impl FaceContact {
             let free = faces.openings(mesh, topology, system, x);
             let mut opening = free.clone();
             for (a, &i) in self.active.iter().enumerate() {
-                let _ = i;
-                let f = self.force[self.active[a]];
+                let f = self.force[i];
                 if f != 0.0 {
                     let column = &self.columns[a * x.len()..(a + 1) * x.len()];
                     faces
