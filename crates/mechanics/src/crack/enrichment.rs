@@ -4,8 +4,6 @@ use crate::geometry::{NO_TET, TET_EDGES, TET_FACES, TetMesh, Vec3};
 
 /// "No enrichment": the virtual node is the standard node itself.
 pub const STANDARD: u32 = u32::MAX;
-/// "No cell": the point was dropped.
-pub const NO_CELL: u32 = u32::MAX;
 
 /// One side of one tetrahedron: what moves as one piece of the continuum.
 ///

@@ -9,7 +9,7 @@ mod surface;
 mod system;
 
 pub use cut_edges::CutEdges;
-pub use enrichment::{Cell, NO_CELL, STANDARD, Topology};
+pub use enrichment::{Cell, STANDARD, Topology};
 pub use fragments::{Fragments, SMALLEST_FRAGMENT, UnionFind, bridging_edges};
 pub use surface::{CrackSurface, Front, LinePoint, Sheet};
 pub use system::System;

@@ -27,7 +27,7 @@ pub struct Prepared {
     pub digest: String,
 }
 
-/// Nodes this near to a condyle's centre are held \[mm\]: its head.
+/// Nodes this near to a condyle's centre are held, but at least three \[mm\]: few enough that the joint lets the ramus turn.
 const CONDYLE_RADIUS: f64 = 2.5;
 /// The hand that steadies the chin holds the nodes this near to its middle \[mm\].
 const CHIN_RADIUS: f64 = 15.0;

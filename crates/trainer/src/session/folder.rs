@@ -45,7 +45,7 @@ impl SessionFolder {
         check_replaceable(wanted)
     }
 
-    /// Where to write for now.
+    /// Where to write until the folder is finished and renamed.
     pub fn path(&self) -> &Path {
         &self.partial
     }
