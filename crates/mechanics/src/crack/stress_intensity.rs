@@ -141,9 +141,13 @@ pub fn evaluate(
         .collect()
 }
 
-/// Positions of a front's vertices and their outward directions q, as [`evaluate`] uses them.
+/// Positions of a front's vertices and their outward directions q, as [`evaluate`] uses them; a closed front ends where it began.
 pub fn front_frames(sheet: &Sheet, front: &Front, h: f64) -> (Vec<Vec3>, Vec<Vec3>) {
-    let line = FrontLine::new(sheet, front, h);
+    let mut line = FrontLine::new(sheet, front, h);
+    if front.closed {
+        line.points.push(line.points[0]);
+        line.advance.push(line.advance[0]);
+    }
     (line.points, line.advance)
 }
 
