@@ -3,8 +3,8 @@ use super::walls::{in_kerf, push_walls, side_cells};
 use crate::bone::{FactorError, MaterialError, Supports, TetMaterial};
 use crate::contact::{PointShell, ShellPoint};
 use crate::crack::growth::{GrowthLengths, Surroundings};
-use crate::crack::stress_intensity::CellForce;
-use crate::crack::{CrackSurface, CutEdges, Fragments, System, Topology};
+use crate::crack::stress_intensity::{CellForce, front_frames};
+use crate::crack::{CrackSurface, CutEdges, Fragments, Lead, System, Topology};
 use crate::geometry::{SignedDistance, TetLocator, TetMesh, Vec3};
 use nalgebra::Matrix3x4;
 use std::sync::Arc;
@@ -127,22 +127,32 @@ impl Bone {
             m.check()
                 .map_err(|source| BoneError::Material { tet, source })?;
         }
+        let around = body.surroundings();
+        let leads: Vec<(usize, Lead)> = crack
+            .fronts(&body.mesh, &body.locator, body.lengths.stick())
+            .iter()
+            .map(|front| {
+                let (points, advances) =
+                    front_frames(&crack.sheets[front.sheet], front, body.lengths.h);
+                (
+                    front.sheet,
+                    around.lead_ahead(&crack, front.sheet, &points, &advances),
+                )
+            })
+            .collect();
         let mut cuts = CutEdges::new(&body.mesh);
+        for sheet in &crack.sheets {
+            cuts.seat_nodes(&body.mesh, &body.locator, &sheet.mesh);
+        }
+        for (_, lead) in &leads {
+            lead.seat(&mut cuts, &body.mesh, &body.locator);
+        }
         for sheet in &crack.sheets {
             cuts.cut(&body.mesh, &body.locator, &sheet.mesh, body.chip_nodes());
         }
-        let around = body.surroundings();
-        let mut leads = Vec::new();
-        for front in crack.fronts(&body.mesh, &body.locator, body.lengths.stick()) {
-            let sheet = &crack.sheets[front.sheet];
-            let (points, advances) =
-                crate::crack::stress_intensity::front_frames(sheet, &front, body.lengths.h);
-            let lead = around.lead_strip(&crack, front.sheet, &points, &advances);
-            cuts.cut(&body.mesh, &body.locator, &lead, body.chip_nodes());
-            leads.push((front.sheet, lead));
-        }
         for (sheet, lead) in leads {
-            crack.sheets[sheet].lead.append(&lead);
+            lead.cut(&mut cuts, &body.mesh, &body.locator, body.chip_nodes());
+            crack.sheets[sheet].lead.append(&lead.mesh);
         }
         let kept = |p: &&ShellPoint| !in_kerf(&crack, &p.position);
         let points = body.surface.iter().filter(kept).copied().collect();

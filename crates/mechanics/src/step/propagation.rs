@@ -69,6 +69,7 @@ pub fn propagation_step(
         mesh: &body.mesh,
         locator: &body.locator,
         materials: &body.materials,
+        cuts: &bone.cuts,
         topology: &bone.topology,
         system: &bone.system,
         x: &state.x,
@@ -78,18 +79,12 @@ pub fn propagation_step(
     let mut crack = bone.crack.clone();
     let mut cuts = bone.cuts.clone();
     let around = body.surroundings();
-    for front in bone
+    let fronts = bone
         .crack
-        .fronts(&body.mesh, &body.locator, body.lengths.stick())
-    {
-        let stations = evaluate(
-            &fields,
-            &bone.crack.sheets[front.sheet],
-            &front,
-            body.lengths.h,
-            K_FROM,
-        );
-        let (drives, moves) = advances(&stations, front.closed, &body.lengths);
+        .fronts(&body.mesh, &body.locator, body.lengths.stick());
+    let all = evaluate(&fields, &bone.crack, &fronts, body.lengths.h, K_FROM);
+    for (front, stations) in fronts.iter().zip(&all) {
+        let (drives, moves) = advances(stations, front.closed, &body.lengths);
         report.fronts.push(
             stations
                 .iter()
@@ -110,8 +105,8 @@ pub fn propagation_step(
             .map(|d| d.ratio)
             .fold(report.strongest, f64::max);
         if moves.iter().any(|m| *m != Vec3::zeros()) {
-            let strip = grow(&mut crack, &front, &moves, &around);
-            cuts.cut(&body.mesh, &body.locator, &strip.cut, body.chip_nodes());
+            let strip = grow(&mut crack, front, &moves, &around);
+            strip.cut(&mut cuts, &body.mesh, &body.locator, body.chip_nodes());
             report.advanced = true;
         }
     }

@@ -6,7 +6,9 @@ use osteotome_mechanics::crack::growth::{GrowthLengths, Surroundings};
 use osteotome_mechanics::crack::stress_intensity::{
     CellForce, Fields, Station, evaluate, front_frames,
 };
-use osteotome_mechanics::crack::{CrackSurface, CutEdges, Front, Sheet, System, Topology};
+use osteotome_mechanics::crack::{
+    CrackSurface, CutEdges, FacePiece, Front, Sheet, System, Topology, face_pieces,
+};
 use osteotome_mechanics::geometry::{TetLocator, TetMesh, TriMesh, Vec3};
 use std::f64::consts::PI;
 
@@ -209,14 +211,26 @@ impl Specimen {
             sheets: sheets.into_iter().map(sheet).collect(),
         };
         let mut cuts = CutEdges::new(&self.mesh);
+        let around = self.surroundings();
+        let leads: Vec<_> = crack
+            .fronts(&self.mesh, &self.locator, around.lengths.stick())
+            .iter()
+            .map(|front| {
+                let (points, advances) = front_frames(&crack.sheets[front.sheet], front, self.h);
+                around.lead_ahead(&crack, front.sheet, &points, &advances)
+            })
+            .collect();
+        for s in &crack.sheets {
+            cuts.seat_nodes(&self.mesh, &self.locator, &s.mesh);
+        }
+        for lead in &leads {
+            lead.seat(&mut cuts, &self.mesh, &self.locator);
+        }
         for s in &crack.sheets {
             cuts.cut(&self.mesh, &self.locator, &s.mesh, 1);
         }
-        let around = self.surroundings();
-        for front in crack.fronts(&self.mesh, &self.locator, around.lengths.stick()) {
-            let (points, advances) = front_frames(&crack.sheets[front.sheet], &front, self.h);
-            let lead = around.lead_strip(&crack, front.sheet, &points, &advances);
-            cuts.cut(&self.mesh, &self.locator, &lead, 1);
+        for lead in &leads {
+            lead.cut(&mut cuts, &self.mesh, &self.locator, 1);
         }
         Cracked::new(self, crack, cuts)
     }
@@ -299,21 +313,37 @@ impl<'a> Cracked<'a> {
         forces.iter().map(place).collect()
     }
 
-    /// A pressure on both faces of flat pieces of crack: `pieces` are centres and area vectors.
-    pub fn pressure(&self, pieces: &[(Vec3, Vec3)], pressure: f64) -> Vec<CellForce> {
+    /// The crack's faces inside the body as mechanics knows them.
+    pub fn faces(&self) -> Vec<FacePiece> {
+        let mut pieces = Vec::new();
+        let mesh = &self.specimen.mesh;
+        for t in 0..mesh.tets().len() as u32 {
+            face_pieces(mesh, &self.cuts, &self.topology, t, |f| pieces.push(f));
+        }
+        pieces
+    }
+
+    /// A_eff: the crack's area, weighted by how far it is free to open \[mm2\].
+    pub fn effective_area(&self) -> f64 {
+        self.faces()
+            .iter()
+            .map(|f| f.freedom * f.area_normal.norm())
+            .sum()
+    }
+
+    /// A pressure on both faces of the crack.
+    pub fn pressure(&self, pressure: f64) -> Vec<CellForce> {
+        let mesh = &self.specimen.mesh;
         let mut loads = Vec::new();
-        for (p, area) in pieces {
-            let Some((tet, weights)) = self.specimen.locator.find(&self.specimen.mesh, p) else {
-                continue;
-            };
+        for f in self.faces() {
+            let weights = mesh.barycentric(f.tet as usize, &f.centre);
             for side in [1.0, -1.0] {
-                let cell = self
-                    .topology
-                    .cell_towards(&self.specimen.mesh, tet, p, &(area * side));
+                let area = f.area_normal * side;
+                let cell = self.topology.cell_towards(mesh, f.tet, &f.centre, &area);
                 loads.push(CellForce {
                     cell,
                     weights,
-                    force: area * (side * pressure),
+                    force: area * pressure,
                 });
             }
         }
@@ -345,12 +375,13 @@ impl<'a> Cracked<'a> {
             mesh: &s.mesh,
             locator: &s.locator,
             materials: &s.materials,
+            cuts: &self.cuts,
             topology: &self.topology,
             system: &self.system,
             x: &solved.x,
             loads: &solved.loads,
         };
-        evaluate(&fields, &self.crack.sheets[front.sheet], front, s.h, 0.0)
+        evaluate(&fields, &self.crack, std::slice::from_ref(front), s.h, 0.0).remove(0)
     }
 
     /// Cauchy stress in each cell.
