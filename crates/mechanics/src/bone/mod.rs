@@ -6,4 +6,4 @@ mod supports;
 
 pub use factor::{Factor, FactorError, SolveScratch};
 pub use material::{Lame, MaterialError, TetMaterial};
-pub use supports::Supports;
+pub use supports::{Prescribed, Supports};

@@ -1,7 +1,7 @@
 //! How the explicit crack grows: stations advance, a strip of triangles joins the old front to the new one.
 use super::cut_edges::CutEdges;
 use super::lead::Lead;
-use super::stress_intensity::Station;
+use super::stress_intensity::{Station, front_frames};
 use super::surface::{CrackSurface, Front, Sheet};
 use crate::geometry::{TetLocator, TetMesh, TriMesh, Vec3};
 
@@ -199,6 +199,38 @@ impl Surroundings<'_> {
         let along = front.iter().zip(directions);
         let lengths: Vec<f64> = along.map(|(p, d)| self.lead(crack, sheet, p, d)).collect();
         Lead::new(front, directions, &lengths, self.lengths.h)
+    }
+}
+
+impl Surroundings<'_> {
+    /// What the sheets cut, and what is cut ahead of their fronts; the sheets remember their leads.
+    pub fn first_cuts(&self, crack: &mut CrackSurface, chip_nodes: usize) -> CutEdges {
+        let (mesh, locator) = (self.mesh, self.locator);
+        let fronts = crack.fronts(mesh, locator, self.lengths.stick());
+        let lead = |front: &Front| {
+            let (points, advances) =
+                front_frames(&crack.sheets[front.sheet], front, self.lengths.h);
+            (
+                front.sheet,
+                self.lead_ahead(crack, front.sheet, &points, &advances),
+            )
+        };
+        let leads: Vec<_> = fronts.iter().map(lead).collect();
+        let mut cuts = CutEdges::new(mesh);
+        for sheet in &crack.sheets {
+            cuts.seat_nodes(mesh, locator, &sheet.mesh);
+        }
+        for (_, lead) in &leads {
+            lead.seat(&mut cuts, mesh, locator);
+        }
+        for sheet in &crack.sheets {
+            cuts.cut(mesh, locator, &sheet.mesh, chip_nodes);
+        }
+        for (sheet, lead) in leads {
+            lead.cut(&mut cuts, mesh, locator, chip_nodes);
+            crack.sheets[sheet].lead.append(&lead.mesh);
+        }
+        cuts
     }
 }
 

@@ -1,4 +1,5 @@
 //! The crack: its explicit surface, what it cuts, how hard it is driven, and how it grows.
+mod body;
 pub mod criterion;
 mod cut_edges;
 mod cut_polygon;
@@ -11,6 +12,7 @@ pub mod stress_intensity;
 mod surface;
 mod system;
 
+pub use body::{BodyError, CrackedBody, EvaluatedFront, Solid};
 pub use cut_edges::CutEdges;
 pub use cut_polygon::{FacePiece, cut_polygon, face_pieces};
 pub use enrichment::{Cell, STANDARD, Topology};

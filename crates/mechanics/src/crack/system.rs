@@ -8,8 +8,11 @@ const HELD: u32 = u32::MAX;
 
 /// The linear equations of the cracked bone (paper, equation 3) with their factor.
 ///
-/// Unknowns `x`: three for each block, blocks = free nodes, then free enrichments. On linear tetrahedra no quadrature is
-/// needed: the blocks of K_ua and K_aa are those of the element times volume shares of its cells.
+/// Unknowns `x`: three for each block, blocks = nodes that are not fixed, then their enrichments. On linear tetrahedra no
+/// quadrature is needed: the blocks of K_ua and K_aa are those of the element times volume shares of its cells.
+///
+/// Coordinates whose displacement is prescribed keep their place in `x`: a right-hand side starts from
+/// [`add_prescribed`](Self::add_prescribed), and what [`solve`](Self::solve) makes of it holds the prescribed values.
 #[derive(Clone, Debug)]
 pub struct System {
     block_of_node: Vec<u32>,
@@ -17,6 +20,10 @@ pub struct System {
     column_starts: Vec<usize>,
     rows: Vec<usize>,
     values: Vec<f64>,
+    /// Unknowns that are prescribed, ascending: nodes' and those of their enrichments.
+    held: Vec<u32>,
+    /// Right-hand side that stands for the prescribed displacements; empty if there are none.
+    lift: Vec<f64>,
     factor: Factor,
 }
 
@@ -76,15 +83,42 @@ impl System {
             blocks.freeze();
         }
         let (column_starts, rows, values) = blocks.into_lower_columns();
-        let factor = Factor::new(&column_starts, &rows, &values)?;
-        Ok(Self {
+        let (held, moved) = held_unknowns(topology, supports, &block_of_node, &block_of_enrichment);
+        let free_values = decoupled(&column_starts, &rows, &values, &held);
+        let factor = Factor::new(&column_starts, &rows, &free_values)?;
+        let mut system = Self {
             block_of_node,
             block_of_enrichment,
             column_starts,
             rows,
             values,
+            held,
+            lift: Vec::new(),
             factor,
-        })
+        };
+        system.lift = system.lift_of(&moved);
+        Ok(system)
+    }
+
+    /// -K_fp u_p on free unknowns; on prescribed ones their value times their diagonal, which is all that the factor holds
+    /// of them.
+    fn lift_of(&self, moved: &[(u32, f64)]) -> Vec<f64> {
+        if self.held.is_empty() {
+            return Vec::new();
+        }
+        let mut x = vec![0.0; self.n()];
+        moved.iter().for_each(|&(i, v)| x[i as usize] = v);
+        let mut lift = self.multiply(&x);
+        lift.iter_mut().for_each(|f| *f = -*f);
+        for &i in &self.held {
+            lift[i as usize] = self.values[self.column_starts[i as usize]] * x[i as usize];
+        }
+        lift
+    }
+
+    /// Adds what prescribed displacements do to the right-hand side. Nothing if there are none.
+    pub fn add_prescribed(&self, rhs: &mut [f64]) {
+        rhs.iter_mut().zip(&self.lift).for_each(|(f, l)| *f += l);
     }
 
     /// Number of unknowns.
@@ -102,7 +136,8 @@ impl System {
         self.factor.solve(x, scratch);
     }
 
-    /// Adds a force \[N\] that acts at the point of `cell` with shape functions `weights` to the right-hand side.
+    /// Adds a force \[N\] that acts at the point of `cell` with shape functions `weights` to the right-hand side. What acts on
+    /// held coordinates goes into their supports.
     pub fn add_force(
         &self,
         mesh: &TetMesh,
@@ -114,17 +149,22 @@ impl System {
         let unknowns = unknowns(mesh, cell, &self.block_of_node, &self.block_of_enrichment);
         for (blocks, w) in unknowns.iter().zip(weights) {
             for &b in blocks.iter().filter(|b| **b != HELD) {
-                (0..3).for_each(|k| rhs[3 * b as usize + k] += w * force[k]);
+                for k in 0..3 {
+                    let i = 3 * b + k;
+                    if self.held.is_empty() || self.held.binary_search(&i).is_err() {
+                        rhs[i as usize] += w * force[k as usize];
+                    }
+                }
             }
         }
     }
 
-    /// Displacement of node `i` \[mm\].
+    /// Displacement of node `i` \[mm\]; of [`multiply`](Self::multiply)'s result, the force that holds it there \[N\].
     pub fn displacement(&self, i: usize, x: &[f64]) -> Vec3 {
         read(self.block_of_node[i], x)
     }
 
-    /// Adds to the displacement of node `i`, unless it is held.
+    /// Adds to the displacement of node `i`, unless it is fixed.
     pub fn add_displacement(&self, i: usize, by: &Vec3, x: &mut [f64]) {
         let b = self.block_of_node[i];
         if b != HELD {
@@ -175,7 +215,8 @@ impl System {
         x
     }
 
-    /// K x.
+    /// K x, prescribed displacements included: the forces that hold the field `x`, reactions of prescribed coordinates among
+    /// them \[N\].
     pub fn multiply(&self, x: &[f64]) -> Vec<f64> {
         let mut y = vec![0.0; x.len()];
         for j in 0..x.len() {
@@ -218,16 +259,61 @@ fn number_blocks(mesh: &TetMesh, topology: &Topology, supports: &Supports) -> (V
         next += 1;
         next - 1
     };
-    let is_held = |i: u32| supports.fixed.binary_search(&i).is_ok();
     let nodes = (0..mesh.nodes().len() as u32)
-        .map(|i| number(is_held(i)))
+        .map(|i| number(supports.is_fixed(i)))
         .collect();
     let enrichments = topology
         .enriched_nodes()
         .iter()
-        .map(|&i| number(is_held(i)))
+        .map(|&i| number(supports.is_fixed(i)))
         .collect();
     (nodes, enrichments)
+}
+
+/// Unknowns that supports prescribe, ascending, and the displacements of those that move.
+fn held_unknowns(
+    topology: &Topology,
+    supports: &Supports,
+    of_node: &[u32],
+    of_enrichment: &[u32],
+) -> (Vec<u32>, Vec<(u32, f64)>) {
+    let (mut held, mut moved) = (Vec::new(), Vec::new());
+    for p in &supports.prescribed {
+        let block = of_node[p.node as usize];
+        if block != HELD {
+            held.push(3 * block + u32::from(p.axis));
+            moved.push((3 * block + u32::from(p.axis), p.value));
+        }
+    }
+    for (&node, &block) in topology.enriched_nodes().iter().zip(of_enrichment) {
+        let axes = supports.prescribed_at(node);
+        held.extend(
+            (0..3)
+                .filter(|&k| block != HELD && axes[k as usize].is_some())
+                .map(|k| 3 * block + k),
+        );
+    }
+    held.sort_unstable();
+    held.dedup();
+    (held, moved)
+}
+
+/// The matrix with the couplings of held unknowns left out; their diagonal stays, so that its scale stays the body's.
+fn decoupled(starts: &[usize], rows: &[usize], values: &[f64], held: &[u32]) -> Vec<f64> {
+    let mut free = values.to_vec();
+    if held.is_empty() {
+        return free;
+    }
+    let mut is_held = vec![false; starts.len() - 1];
+    held.iter().for_each(|&i| is_held[i as usize] = true);
+    for j in 0..is_held.len() {
+        for p in starts[j]..starts[j + 1] {
+            if rows[p] != j && (is_held[j] || is_held[rows[p]]) {
+                free[p] = 0.0;
+            }
+        }
+    }
+    free
 }
 
 /// The blocks whose sum is the displacement of each virtual node of a cell.

@@ -1,7 +1,6 @@
-use super::bone::{Bone, BoneError, BoneState};
-use crate::crack::bridging_edges;
-use crate::crack::growth::{advances, grow};
-use crate::crack::stress_intensity::{Fields, evaluate};
+use super::bone::{Bone, BoneState};
+use crate::crack::growth::advances;
+use crate::crack::{BodyError, CrackedBody, EvaluatedFront, Front, bridging_edges};
 use crate::geometry::Vec3;
 
 /// How the propagation step behaves.
@@ -58,32 +57,17 @@ const K_FROM: f64 = 0.3;
 /// Returns the next generation, or none if the crack rests. `state` must belong to `bone`.
 ///
 /// # Errors
-/// [`BoneError::Factor`] if the grown bone cannot be factored; the old one stays valid.
+/// [`BodyError::Factor`] if the grown bone cannot be factored; the old one stays valid.
 pub fn propagation_step(
     bone: &Bone,
     state: &BoneState,
     settings: &PropagationSettings,
-) -> Result<(Option<Bone>, GrowthReport), BoneError> {
+) -> Result<(Option<Bone>, GrowthReport), BodyError> {
     let body = &bone.body;
-    let fields = Fields {
-        mesh: &body.mesh,
-        locator: &body.locator,
-        materials: &body.materials,
-        cuts: &bone.cuts,
-        topology: &bone.topology,
-        system: &bone.system,
-        x: &state.x,
-        loads: &state.loads,
-    };
     let mut report = GrowthReport::default();
-    let mut crack = bone.crack.clone();
-    let mut cuts = bone.cuts.clone();
-    let around = body.surroundings();
-    let fronts = bone
-        .crack
-        .fronts(&body.mesh, &body.locator, body.lengths.stick());
-    let all = evaluate(&fields, &bone.crack, &fronts, body.lengths.h, K_FROM);
-    for (front, stations) in fronts.iter().zip(&all) {
+    let evaluated = bone.evaluate_fronts(&state.x, &state.loads, K_FROM);
+    let mut moving: Vec<(&Front, Vec<Vec3>)> = Vec::new();
+    for EvaluatedFront { front, stations } in &evaluated {
         let (drives, moves) = advances(stations, front.closed, &body.lengths);
         report.fronts.push(
             stations
@@ -105,11 +89,12 @@ pub fn propagation_step(
             .map(|d| d.ratio)
             .fold(report.strongest, f64::max);
         if moves.iter().any(|m| *m != Vec3::zeros()) {
-            let strip = grow(&mut crack, front, &moves, &around);
-            strip.cut(&mut cuts, &body.mesh, &body.locator, body.chip_nodes());
-            report.advanced = true;
+            moving.push((front, moves));
         }
     }
+    report.advanced = !moving.is_empty();
+    let moving: Vec<_> = moving.iter().map(|(f, m)| (*f, m.as_slice())).collect();
+    let (crack, mut cuts) = bone.grown(&moving);
     if !report.advanced
         && let Some((edges, ratio)) = ligament(bone, state, settings)?
     {
@@ -125,11 +110,10 @@ pub fn propagation_step(
     let next = Bone::assemble(
         bone.generation + 1,
         body.clone(),
-        crack,
-        cuts,
+        CrackedBody::from_cuts(body.solid.clone(), crack, cuts)?,
         bone.points.clone(),
         bone.walled.clone(),
-    )?;
+    );
     Ok((Some(next), report))
 }
 
@@ -145,7 +129,7 @@ fn ligament(
     bone: &Bone,
     state: &BoneState,
     settings: &PropagationSettings,
-) -> Result<Option<(Vec<u32>, f64)>, BoneError> {
+) -> Result<Option<(Vec<u32>, f64)>, BodyError> {
     let body = &bone.body;
     let [source, sink] = &body.ends;
     let Some(edges) = bridging_edges(
@@ -165,11 +149,10 @@ fn ligament(
     let torn = Bone::assemble(
         bone.generation,
         body.clone(),
-        bone.crack.clone(),
-        cuts,
+        CrackedBody::from_cuts(body.solid.clone(), bone.crack.clone(), cuts)?,
         Vec::new(),
         bone.walled.clone(),
-    )?;
+    );
     let work = |b: &Bone| {
         let mut x = vec![0.0; b.system.n()];
         b.add_loads(&b.carry_loads(bone, &state.loads), &mut x);

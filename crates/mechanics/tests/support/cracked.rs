@@ -3,9 +3,7 @@ use super::noise;
 use nalgebra::Matrix3;
 use osteotome_mechanics::bone::{Supports, TetMaterial, stiffness};
 use osteotome_mechanics::crack::growth::{GrowthLengths, Surroundings};
-use osteotome_mechanics::crack::stress_intensity::{
-    CellForce, Fields, Station, evaluate, front_frames,
-};
+use osteotome_mechanics::crack::stress_intensity::{CellForce, Fields, Station, evaluate};
 use osteotome_mechanics::crack::{
     CrackSurface, CutEdges, FacePiece, Front, Sheet, System, Topology, face_pieces,
 };
@@ -207,31 +205,10 @@ impl Specimen {
             mesh,
             ..Default::default()
         };
-        let crack = CrackSurface {
+        let mut crack = CrackSurface {
             sheets: sheets.into_iter().map(sheet).collect(),
         };
-        let mut cuts = CutEdges::new(&self.mesh);
-        let around = self.surroundings();
-        let leads: Vec<_> = crack
-            .fronts(&self.mesh, &self.locator, around.lengths.stick())
-            .iter()
-            .map(|front| {
-                let (points, advances) = front_frames(&crack.sheets[front.sheet], front, self.h);
-                around.lead_ahead(&crack, front.sheet, &points, &advances)
-            })
-            .collect();
-        for s in &crack.sheets {
-            cuts.seat_nodes(&self.mesh, &self.locator, &s.mesh);
-        }
-        for lead in &leads {
-            lead.seat(&mut cuts, &self.mesh, &self.locator);
-        }
-        for s in &crack.sheets {
-            cuts.cut(&self.mesh, &self.locator, &s.mesh, 1);
-        }
-        for lead in &leads {
-            lead.cut(&mut cuts, &self.mesh, &self.locator, 1);
-        }
+        let cuts = self.surroundings().first_cuts(&mut crack, 1);
         Cracked::new(self, crack, cuts)
     }
 
