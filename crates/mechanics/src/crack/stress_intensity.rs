@@ -155,6 +155,11 @@ pub fn front_frames(sheet: &Sheet, front: &Front, h: f64) -> (Vec<Vec3>, Vec<Vec
     (line.points, line.advance)
 }
 
+/// Normals of the crack at a front's vertices, as [`evaluate`] uses them.
+pub fn front_normals(sheet: &Sheet, front: &Front, h: f64) -> Vec<Vec3> {
+    FrontLine::new(sheet, front, h).normal
+}
+
 /// What surrounds one front.
 struct Domain<'a> {
     fields: &'a Fields<'a>,
