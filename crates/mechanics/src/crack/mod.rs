@@ -4,6 +4,7 @@ mod cut_edges;
 mod enrichment;
 mod fragments;
 pub mod growth;
+pub mod level_set;
 pub mod stress_intensity;
 mod surface;
 mod system;
