@@ -15,6 +15,7 @@ pub mod patient;
 pub mod point_shell;
 pub mod stl;
 pub mod surface;
+pub mod teeth;
 
 pub use error::AnatomyError;
 pub use landmarks::{JawFrame, Landmarks, SideLandmarks};
@@ -24,3 +25,4 @@ pub use parametric::{Parameters, ParametricMandible};
 pub use patient::{MeshSource, OsteotomySource, Patient, PatientSpec, SurfaceSource};
 pub use point_shell::SurfacePoint;
 pub use surface::ClosedSurface;
+pub use teeth::{Crown, Tooth, ToothKind};
