@@ -4,6 +4,7 @@
 //! shell and places the pre-sawn line. Whatever is wrong with a file comes back as one line of [`AnatomyError`]; nothing here
 //! panics on a file. Frame everywhere: mm, LPS (x = patient left, y = posterior, z = superior).
 mod error;
+pub mod focus;
 pub mod landmarks;
 pub mod lattice;
 pub mod materials;
@@ -18,6 +19,7 @@ pub mod surface;
 pub mod teeth;
 
 pub use error::AnatomyError;
+pub use focus::Focus;
 pub use landmarks::{JawFrame, Landmarks, SideLandmarks};
 pub use materials::{MaterialSpec, Tissue};
 pub use osteotomy::{LinePoint, Osteotomy, OsteotomyPart, PartKind, Side};

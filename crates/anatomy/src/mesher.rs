@@ -3,8 +3,10 @@
 //! Lattice points that the surface nearly touches are warped onto it, the lattice tetrahedra inside are kept, those across the
 //! surface are cut. All dihedral angles are bounded by construction, whatever the surface.
 use crate::error::AnatomyError;
+use crate::focus::Focus;
 use crate::landmarks::JawFrame;
 use crate::lattice::Lattice;
+use crate::point_shell::point_shell;
 use osteotome_mechanics::geometry::{
     Aabb, MeshDistance, SignedDistance, TET_FACES, TetMesh, TriMesh, Vec3,
 };
@@ -21,6 +23,13 @@ const MAX_LATTICE: f64 = 40e6;
 
 /// Smallest and largest node count that may be asked for.
 pub const NODE_RANGE: [usize; 2] = [100, 200_000];
+
+/// Smallest and largest ratio of coarsest to finest spacing that may be asked for.
+pub const RATIO_RANGE: [f64; 2] = [1.0, 6.0];
+/// Points of the surface by which a focus is chosen.
+const FOCUS_POINTS: usize = 2_000;
+/// Between those points the surface may reach this much further out \[mm\].
+const POINT_GAP: f64 = 5.0;
 
 /// How a mesh is to be made.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -109,10 +118,15 @@ fn stuff_graded(
     grading: &Grading,
 ) -> Result<Tets, AnatomyError> {
     let lenses = &grading.lenses;
+    let focus = grading.focus.as_ref();
+    let scale = |p: &Vec3| focus.map_or(1.0, |f| f.scale(p));
     let grown = lenses.iter().map(Lens::growth).fold(0.0, f64::max);
-    let bounds = region
-        .bounds()
-        .grown(how.shift.max(0.0) + swelling.most() + grown);
+    let coarsest = focus.map_or(1.0, |f| f.scales()[1]);
+    let margin = how.shift.max(0.0) * coarsest.powi(2) + swelling.most() + grown;
+    let bounds = match focus {
+        Some(focus) => focus.bounds(margin + POINT_GAP),
+        None => region.bounds().grown(margin),
+    };
     let middle = bounds.centre();
     let half = (bounds.extent() * 0.5).component_div(&grading.grain);
     let bounds = Aabb {
@@ -128,14 +142,16 @@ fn stuff_graded(
         return Err(AnatomyError::Mesher { reason });
     }
     let lattice = Lattice::around(&bounds, how.spacing, &how.offset);
-    // The lattice is regular in its own space; grain and lenses map that into the body's.
+    // The lattice is regular in its own space; grain, focus and lenses map that into the body's.
     let place = |u: &Vec3| {
         let stretched = middle + (u - middle).component_mul(&grading.grain);
-        lenses.iter().fold(stretched, |p, lens| lens.look(&p))
+        let graded = focus.map_or(stretched, |f| f.to_body(&stretched));
+        lenses.iter().fold(graded, |p, lens| lens.look(&p))
     };
     let value = |u: &Vec3| {
         let p = place(u);
-        region.signed(&p) - how.shift - swelling.at(&p)
+        // What chords cut off grows with the square of their length.
+        region.signed(&p) - how.shift * scale(&p).powi(2) - swelling.at(&p)
     };
     let mut stuffed = Stuffer::new(&lattice, &value).tets();
     stuffed.nodes.iter_mut().for_each(|p| *p = place(p));
@@ -192,13 +208,15 @@ impl Lens {
     }
 }
 
-/// How a coarse mesh differs from a regular one.
+/// How a mesh differs from a regular one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grading {
     /// Spacing along each axis, relative to that asked for; finer across a plate keeps the plate whole.
     pub grain: Vec3,
     /// Where the mesh is finer; apart from each other.
     pub lenses: Vec<Lens>,
+    /// A place about which all of it is graded.
+    pub focus: Option<Focus>,
 }
 
 impl Grading {
@@ -206,7 +224,28 @@ impl Grading {
     pub const EVEN: Self = Self {
         grain: Vec3::new(1.0, 1.0, 1.0),
         lenses: Vec::new(),
+        focus: None,
     };
+
+    /// Spacing at a place, relative to that asked for; lenses left out.
+    fn scale(&self, p: &Vec3) -> f64 {
+        self.focus.as_ref().map_or(1.0, |f| f.scale(p))
+    }
+
+    /// What of it is needed with a spacing: grain and lenses only where the mesh is coarse.
+    fn with_spacing(&self, spacing: f64) -> Self {
+        let is_coarse = |lens: &&Lens| spacing * self.scale(&lens.centre) > COARSE;
+        let lenses: Vec<Lens> = self.lenses.iter().filter(is_coarse).copied().collect();
+        let coarse = match &self.focus {
+            Some(_) => !lenses.is_empty(),
+            None => spacing > COARSE,
+        };
+        Self {
+            grain: if coarse { self.grain } else { Self::EVEN.grain },
+            lenses,
+            focus: self.focus.clone(),
+        }
+    }
 }
 
 /// A body to be meshed, with what its mesh is held against.
@@ -220,7 +259,7 @@ pub struct Body<'a> {
     pub genus: i64,
     /// Points all over its surface, that the mesh should come near; may be empty.
     pub outposts: Vec<Vec3>,
-    /// Applied when the mesh is coarse, with spacings above 4.5 mm.
+    /// Grain and lenses are applied where the mesh is coarse, with spacings above 4.5 mm.
     pub grading: Grading,
 }
 
@@ -258,9 +297,35 @@ impl<'a> Body<'a> {
             grading: Grading {
                 grain: Vec3::new(0.75, 1.15, 1.15),
                 lenses: sides.map(|(c, g)| lens(c, g)).collect(),
+                focus: None,
             },
             ..Self::of(surface)
         }
+    }
+
+    /// The same body, to be meshed finer about `place`: coarsest spacing over that at the place is about `ratio`, 1 to 6.
+    ///
+    /// # Errors
+    /// [`AnatomyError::OutOfRange`] for another ratio, [`AnatomyError::Mesher`] if the place cannot be given so much.
+    pub fn graded(
+        mut self,
+        surface: &TriMesh,
+        place: &[Vec3],
+        ratio: f64,
+    ) -> Result<Self, AnatomyError> {
+        let [least, most] = RATIO_RANGE;
+        crate::error::in_range("mesh.grading", ratio, least, most)?;
+        if ratio > least {
+            let shell = point_shell(surface, FOCUS_POINTS)?;
+            let points: Vec<Vec3> = shell.iter().map(|p| p.position).collect();
+            let focus = Focus::on(place, &points, ratio);
+            self.grading.focus = Some(focus.ok_or_else(|| AnatomyError::Mesher {
+                reason: format!(
+                    "no grading of {ratio} about the line; ask for less with mesh.grading"
+                ),
+            })?);
+        }
+        Ok(self)
     }
 }
 
@@ -387,11 +452,13 @@ impl Swelling {
             .sum()
     }
 
-    /// Raises the field by `step` about some places, falling to nothing at distance `reach`; never above `limit`.
-    fn raise(&mut self, places: &[Vec3], step: f64, reach: f64, limit: f64) {
-        let mut raise = vec![0.0f64; self.values.len()];
-        let n = (reach / self.cell).ceil() as i64;
-        for p in places {
+    /// Raises the field about some places, each with the spacing of the lattice there; see [`SWELLING`].
+    fn raise(&mut self, places: &[(Vec3, f64)]) {
+        // By how much, and up to where.
+        let mut raise = vec![[0.0f64; 2]; self.values.len()];
+        for (p, spacing) in places {
+            let [step, limit, reach] = SWELLING.map(|x| x * spacing);
+            let n = (reach / self.cell).ceil() as i64;
             let q = (p - self.low) / self.cell;
             let nearest = q.map(|c| c.round() as i64);
             for (dx, dy, dz) in cube(n) {
@@ -402,11 +469,12 @@ impl Swelling {
                 let at = Vec3::from(cell.map(|c| c as f64));
                 let fall = 1.0 - (at - q).norm() * self.cell / reach;
                 let slot = &mut raise[self.index(cell.map(|c| c as usize))];
-                *slot = slot.max(step * (1.5 * fall).clamp(0.0, 1.0));
+                let more = step * (1.5 * fall).clamp(0.0, 1.0);
+                *slot = [slot[0].max(more), slot[1].max(limit)];
             }
         }
-        for (value, more) in self.values.iter_mut().zip(raise) {
-            *value = (*value + more).min(limit);
+        for (value, [more, limit]) in self.values.iter_mut().zip(raise) {
+            *value = (*value + more).min(limit.max(*value));
         }
     }
 }
@@ -452,27 +520,26 @@ fn misfit(tets: &Tets, body: &Body, target: usize) -> f64 {
 fn fit(body: &Body, target: usize, mut how: Stuffing) -> Result<Trial, AnatomyError> {
     let mut best: Option<Trial> = None;
     let mut swelling = Swelling::new(&body.distance.bounds(), 0.4 * how.spacing);
-    let grading = if how.spacing > COARSE {
-        &body.grading
-    } else {
-        &Grading::EVEN
-    };
+    let grading = body.grading.with_spacing(how.spacing);
     let mut since_best = 0;
     for round in 0..MAX_FITS {
-        let tets = stuff_graded(body.distance, &how, &swelling, grading)?;
+        let tets = stuff_graded(body.distance, &how, &swelling, &grading)?;
         let used = how;
         let nodes = tets.nodes.len() as f64 / target as f64;
         let missing = body.volume - tets.volume();
-        let area = surface_area(&tets);
+        let area = shifted_area(&tets, &grading);
         let boundary = tets.boundary();
         let handles = (genus(&boundary) - body.genus).abs() as f64;
         // Grain and lenses take some of the lattice's own angles.
         let flat = f64::from(u8::from(smallest_dihedral(&tets) < GOOD_DIHEDRAL));
         let left_out = distances(&tets, boundary, &body.outposts);
         let farthest = left_out.iter().copied().fold(0.0, f64::max);
-        let good = (GOOD_REACH[0] * how.spacing).max(GOOD_REACH[1]);
+        let spacing = |p: &Vec3| how.spacing * grading.scale(p);
+        let good = |p: &Vec3| (GOOD_REACH[0] * spacing(p)).max(GOOD_REACH[1]);
+        let outposts = || body.outposts.iter().zip(&left_out);
+        let reach = outposts().map(|(p, d)| d / good(p)).fold(0.0, f64::max);
         let trial = Trial {
-            cost: 3.0 * handles + flat + (farthest / good).max(misfit(&tets, body, target)),
+            cost: 3.0 * handles + flat + reach.max(misfit(&tets, body, target)),
             tets,
             how: used,
             farthest,
@@ -487,13 +554,12 @@ fn fit(body: &Body, target: usize, mut how: Stuffing) -> Result<Trial, AnatomyEr
             break;
         }
         // Only next to what is meshed, so that a lost part grows back from its stump instead of swelling as a whole.
-        let front = body.outposts.iter().zip(&left_out);
-        let front: Vec<Vec3> = front
-            .filter(|(_, d)| (0.9 * good..good + 0.7 * how.spacing).contains(*d))
-            .map(|(p, _)| *p)
+        let is_front = |p: &Vec3, d: f64| (0.9 * good(p)..good(p) + 0.7 * spacing(p)).contains(&d);
+        let front: Vec<(Vec3, f64)> = outposts()
+            .filter(|(p, d)| is_front(p, **d))
+            .map(|(p, _)| (*p, spacing(p)))
             .collect();
-        let [step, most, reach] = SWELLING.map(|x| x * how.spacing);
-        swelling.raise(&front, step, reach, most);
+        swelling.raise(&front);
         // Thin bodies gain nodes with about the power 2.6 of the resolution; less and less is made of it, lest it go to and fro.
         let power = 1.0 / (2.6 + 0.3 * f64::from(round));
         how.spacing *= nodes.powf(power).clamp(0.8, 1.25);
@@ -504,12 +570,13 @@ fn fit(body: &Body, target: usize, mut how: Stuffing) -> Result<Trial, AnatomyEr
     })
 }
 
-fn surface_area(tets: &Tets) -> f64 {
+/// Volume that a shift of 1 mm adds \[mm2\]: the surface's area, counted more where the mesh is coarse and the shift larger.
+fn shifted_area(tets: &Tets, grading: &Grading) -> f64 {
     tets.boundary()
         .iter()
         .map(|f| {
             let [a, b, c] = f.map(|n| tets.nodes[n as usize]);
-            0.5 * (b - a).cross(&(c - a)).norm()
+            0.5 * (b - a).cross(&(c - a)).norm() * grading.scale(&a).powi(2)
         })
         .sum()
 }
@@ -889,7 +956,8 @@ fn smallest_dihedral(tets: &Tets) -> f64 {
         .fold(180.0, f64::min)
 }
 
-fn dihedrals(x: &[Vec3; 4]) -> [f64; 2] {
+/// Smallest and largest dihedral angle of a tetrahedron \[degrees\].
+pub fn dihedrals(x: &[Vec3; 4]) -> [f64; 2] {
     let normals = TET_FACES.map(|f| (x[f[1]] - x[f[0]]).cross(&(x[f[2]] - x[f[0]])));
     let mut range = [180.0f64, 0.0];
     for i in 0..4 {

@@ -280,6 +280,14 @@ impl Osteotomy {
         }
     }
 
+    /// Points of the line and where the saw's tip went: the place about which the bone splits first \[mm\].
+    pub fn place(&self) -> Vec<Vec3> {
+        let points = self.parts.iter().flat_map(|part| &part.points);
+        points
+            .flat_map(|p| [p.at, p.at + p.toward * p.depth])
+            .collect()
+    }
+
     /// The part of one kind.
     pub fn part(&self, kind: &PartKind) -> Option<&OsteotomyPart> {
         self.parts.iter().find(|p| p.kind == *kind)
