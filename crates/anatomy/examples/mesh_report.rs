@@ -68,13 +68,17 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let place = line.map(|line| line.place()).unwrap_or_default();
     for ratio in gradings {
-        let mandible = mesher::Body::mandible(&distance, &frame);
-        let body = mandible.graded(distance.mesh(), &place, ratio)?;
         for &target in &targets {
+            let mandible = mesher::Body::mandible(&distance, &frame);
+            let body = mandible.graded(distance.mesh(), &place, ratio, target)?;
+            let scales = body.grading.focus.as_ref().map_or([1.0; 2], |f| f.scales());
             let start = Instant::now();
             let meshed = mesher::mesh_to_nodes(&body, target, &mut |_| {})?;
             let seconds = start.elapsed().as_secs_f64();
-            println!("target {target}, grading {ratio}: {seconds:.2} s");
+            println!(
+                "target {target}, grading {ratio}: scales {:.2} to {:.2}, {seconds:.2} s",
+                scales[0], scales[1]
+            );
             report(&meshed, &distance, &place);
         }
     }

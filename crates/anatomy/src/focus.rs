@@ -96,6 +96,13 @@ impl Focus {
         self.scales
     }
 
+    /// Coarsest spacing over that of an even mesh with as many nodes, by estimate; `surface`: evenly spread over the body.
+    pub fn coarsest(&self, surface: &[Vec3]) -> f64 {
+        let nodes = surface.iter().map(|p| self.scale(p).powf(-NODES_POWER));
+        let mean = nodes.sum::<f64>() / surface.len() as f64;
+        self.scales[1] * mean.powf(1.0 / NODES_POWER)
+    }
+
     /// A box around the body, and `margin` \[mm\] more, in the lattice's space.
     pub fn bounds(&self, margin: f64) -> Aabb {
         self.around.grown(margin / self.scales[0])

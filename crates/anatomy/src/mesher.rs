@@ -28,6 +28,10 @@ pub const NODE_RANGE: [usize; 2] = [100, 200_000];
 pub const RATIO_RANGE: [f64; 2] = [1.0, 6.0];
 /// Points of the surface by which a focus is chosen.
 const FOCUS_POINTS: usize = 2_000;
+/// Even meshes of so many nodes keep all parts of a mandible; a graded mesh is nowhere coarser.
+const SAFE_NODES: f64 = 400.0;
+/// Steps in which a ratio that asks too much is lowered.
+const RATIO_STEP: f64 = 0.25;
 /// Between those points the surface may reach this much further out \[mm\].
 const POINT_GAP: f64 = 5.0;
 
@@ -303,27 +307,32 @@ impl<'a> Body<'a> {
         }
     }
 
-    /// The same body, to be meshed finer about `place`: coarsest spacing over that at the place is about `ratio`, 1 to 6.
+    /// The same body, to be meshed with `target` nodes and finer about `place`: coarsest spacing over that at the place is `ratio`,
+    /// 1 to 6, or less where a part far from it would be meshed coarser than an even mesh of 600 nodes is.
     ///
     /// # Errors
-    /// [`AnatomyError::OutOfRange`] for another ratio, [`AnatomyError::Mesher`] if the place cannot be given so much.
+    /// [`AnatomyError::OutOfRange`] for another ratio.
     pub fn graded(
         mut self,
         surface: &TriMesh,
         place: &[Vec3],
         ratio: f64,
+        target: usize,
     ) -> Result<Self, AnatomyError> {
         let [least, most] = RATIO_RANGE;
         crate::error::in_range("mesh.grading", ratio, least, most)?;
-        if ratio > least {
-            let shell = point_shell(surface, FOCUS_POINTS)?;
-            let points: Vec<Vec3> = shell.iter().map(|p| p.position).collect();
+        let shell = point_shell(surface, FOCUS_POINTS)?;
+        let points: Vec<Vec3> = shell.iter().map(|p| p.position).collect();
+        // How much coarser than an even mesh of as many nodes the coarsest part may be.
+        let room = (target as f64 / SAFE_NODES).cbrt();
+        let mut ratio = ratio;
+        while ratio > 1.0 + RATIO_STEP {
             let focus = Focus::on(place, &points, ratio);
-            self.grading.focus = Some(focus.ok_or_else(|| AnatomyError::Mesher {
-                reason: format!(
-                    "no grading of {ratio} about the line; ask for less with mesh.grading"
-                ),
-            })?);
+            if let Some(focus) = focus.filter(|f| f.coarsest(&points) <= room) {
+                self.grading.focus = Some(focus);
+                break;
+            }
+            ratio -= RATIO_STEP;
         }
         Ok(self)
     }
@@ -489,6 +498,10 @@ const MAX_OUTPOSTS: usize = 4_000;
 const GOOD_REACH: [f64; 2] = [0.5, 3.0];
 /// Spacings above this make a mesh coarse \[mm\]: the rami are 7 to 9 mm thick.
 const COARSE: f64 = 4.5;
+/// The first of these for a graded mesh, whose coarse parts are far from what matters: tips of coronoids may be blunted more.
+const GRADED_REACH: f64 = 0.75;
+/// What counts as a gain when a graded mesh is fitted: less than this part of the least cost so far.
+const GAIN: f64 = 0.95;
 /// A lattice position is given up after so many iterations without gain.
 const PATIENCE: u32 = 5;
 /// Smallest dihedral angle of a good mesh \[degrees\]; below 8 is refused by those who use it.
@@ -521,6 +534,12 @@ fn fit(body: &Body, target: usize, mut how: Stuffing) -> Result<Trial, AnatomyEr
     let mut best: Option<Trial> = None;
     let mut swelling = Swelling::new(&body.distance.bounds(), 0.4 * how.spacing);
     let grading = body.grading.with_spacing(how.spacing);
+    let is_graded = grading.focus.is_some();
+    let blunt = if is_graded {
+        GRADED_REACH
+    } else {
+        GOOD_REACH[0]
+    };
     let mut since_best = 0;
     for round in 0..MAX_FITS {
         let tets = stuff_graded(body.distance, &how, &swelling, &grading)?;
@@ -535,7 +554,7 @@ fn fit(body: &Body, target: usize, mut how: Stuffing) -> Result<Trial, AnatomyEr
         let left_out = distances(&tets, boundary, &body.outposts);
         let farthest = left_out.iter().copied().fold(0.0, f64::max);
         let spacing = |p: &Vec3| how.spacing * grading.scale(p);
-        let good = |p: &Vec3| (GOOD_REACH[0] * spacing(p)).max(GOOD_REACH[1]);
+        let good = |p: &Vec3| (blunt * spacing(p)).max(GOOD_REACH[1]);
         let outposts = || body.outposts.iter().zip(&left_out);
         let reach = outposts().map(|(p, d)| d / good(p)).fold(0.0, f64::max);
         let trial = Trial {
@@ -546,9 +565,12 @@ fn fit(body: &Body, target: usize, mut how: Stuffing) -> Result<Trial, AnatomyEr
             swollen: swelling.most(),
         };
         since_best += 1;
-        if best.as_ref().is_none_or(|b| trial.cost < b.cost) {
-            best = Some(trial);
+        let least = best.as_ref().map_or(f64::INFINITY, |b| b.cost);
+        if trial.cost < GAIN * least || (trial.cost < least && !is_graded) {
             since_best = 0;
+        }
+        if trial.cost < least {
+            best = Some(trial);
         }
         if since_best > PATIENCE || best.as_ref().is_some_and(|b| b.cost < 1.0) {
             break;
