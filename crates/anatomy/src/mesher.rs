@@ -255,7 +255,7 @@ impl Grading {
 /// A body to be meshed, with what its mesh is held against.
 #[derive(Clone)]
 pub struct Body<'a> {
-    /// Where it is.
+    /// Where it is; the true distance, or a smaller one.
     pub distance: &'a dyn SignedDistance,
     /// Its volume \[mm3\].
     pub volume: f64,
@@ -356,6 +356,11 @@ pub fn mesh_to_nodes(
 ) -> Result<Meshed, AnatomyError> {
     let [least, most] = NODE_RANGE;
     crate::error::in_range("mesh.nodes", target as f64, least as f64, most as f64)?;
+    let sketched = Sketched::new(body.distance);
+    let body = &Body {
+        distance: &sketched,
+        ..body.clone()
+    };
     let mut best: Option<Trial> = None;
     let mut how = Stuffing {
         // Two nodes a cell inside, and about as many again on the surface of thin bodies.
@@ -395,6 +400,72 @@ pub fn mesh_to_nodes(
         farthest: best.farthest,
         swollen: best.swollen,
     })
+}
+
+/// A signed distance that is exact within [`Sketched::EXACT`] of the surface; further out it may be too small, but is quick: most of
+/// a lattice about a mandible lies there.
+struct Sketched<'a> {
+    exact: &'a dyn SignedDistance,
+    bounds: Aabb,
+    size: [usize; 3],
+    values: Vec<f64>,
+}
+
+impl<'a> Sketched<'a> {
+    /// More than any edge that the surface crosses is long \[mm\].
+    const EXACT: f64 = 10.0;
+    /// Of the grid of distances \[mm\].
+    const CELL: f64 = 4.0;
+
+    fn new(exact: &'a dyn SignedDistance) -> Self {
+        let bounds = exact.bounds().grown(Self::CELL);
+        let size = [0, 1, 2].map(|k| (bounds.extent()[k] / Self::CELL) as usize + 1);
+        let at = |i: usize| {
+            let cell = [i % size[0], i / size[0] % size[1], i / (size[0] * size[1])];
+            bounds.min + Vec3::from(cell.map(|c| c as f64 * Self::CELL))
+        };
+        // A body much larger than any jaw is not sketched.
+        let n = size.iter().product::<usize>();
+        let n = if n < 1_000_000 { n } else { 0 };
+        Self {
+            exact,
+            bounds,
+            size,
+            values: (0..n)
+                .into_par_iter()
+                .map(|i| exact.signed(&at(i)))
+                .collect(),
+        }
+    }
+
+    /// What the distance is at least, in magnitude, with its sign.
+    fn estimate(&self, p: &Vec3) -> Option<f64> {
+        let outside = (self.bounds.min - p)
+            .sup(&(p - self.bounds.max))
+            .sup(&Vec3::zeros());
+        if outside != Vec3::zeros() {
+            return Some(outside.norm());
+        }
+        let q = (p - self.bounds.min) / Self::CELL;
+        let cell = [0, 1, 2].map(|k| (q[k].round() as usize).min(self.size[k] - 1));
+        let index = (cell[2] * self.size[1] + cell[1]) * self.size[0] + cell[0];
+        let value = self.values.get(index)?;
+        let off = (q - Vec3::from(cell.map(|c| c as f64))).norm() * Self::CELL;
+        Some(value.signum() * (value.abs() - off).max(0.0))
+    }
+}
+
+impl SignedDistance for Sketched<'_> {
+    fn signed(&self, p: &Vec3) -> f64 {
+        match self.estimate(p) {
+            Some(distance) if distance.abs() > Self::EXACT => distance,
+            _ => self.exact.signed(p),
+        }
+    }
+
+    fn bounds(&self) -> Aabb {
+        self.exact.bounds()
+    }
 }
 
 /// A mesh, how it was made, and its faults in units of what is good enough.
