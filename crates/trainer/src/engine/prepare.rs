@@ -83,6 +83,7 @@ fn patient_spec(s: &Scenario) -> PatientSpec {
             cortical: tissue(&s.material.cortical),
             trabecular: tissue(&s.material.trabecular),
             cortical_thickness: s.material.cortical_thickness,
+            ..MaterialSpec::default()
         },
         osteotomy: match (&s.osteotomy.file, &s.osteotomy.points) {
             (Some(path), _) => OsteotomySource::File(path.clone()),
@@ -204,10 +205,11 @@ fn element_size(mesh: &TetMesh, osteotomy: &Osteotomy) -> f64 {
     }
 }
 
-/// Embeds the surface in the mesh.
+/// Embeds the surface in the mesh; a crown's points all in the tetrahedron under its neck.
 fn shell_points(shell: &[SurfacePoint], body: &Body) -> Vec<ShellPoint> {
     let embed = |p: &SurfacePoint| {
-        let (tet, weights) = body.embed(&p.position)?;
+        let (tet, _) = body.embed(&p.anchor)?;
+        let weights = body.mesh.barycentric(tet as usize, &p.position);
         Some(ShellPoint {
             position: p.position,
             tet,
