@@ -1,7 +1,7 @@
 use super::bone::{Bone, BoneError, BoneState};
 use crate::crack::bridging_edges;
-use crate::crack::growth::{Drive, advances, drives, grow};
-use crate::crack::stress_intensity::{Fields, Station, evaluate};
+use crate::crack::growth::{advances, grow};
+use crate::crack::stress_intensity::{Fields, evaluate};
 use crate::geometry::Vec3;
 
 /// How the propagation step behaves.
@@ -34,20 +34,6 @@ pub struct FrontPoint {
     pub advance: f64,
     /// Whether it lies inside the body.
     pub inside: bool,
-}
-
-impl FrontPoint {
-    fn new(station: &Station, drive: &Drive, advance: &Vec3) -> Self {
-        Self {
-            position: station.position,
-            k: [station.k.k1, station.k.k2, station.k.k3],
-            g: station.g,
-            drive: drive.ratio,
-            angle: drive.kink,
-            advance: advance.norm(),
-            inside: station.inside > 0.5,
-        }
-    }
 }
 
 /// What a propagation step found.
@@ -92,28 +78,39 @@ pub fn propagation_step(
     let mut crack = bone.crack.clone();
     let mut cuts = bone.cuts.clone();
     let around = body.surroundings();
-    let evaluated: Vec<_> = bone
+    for front in bone
         .crack
         .fronts(&body.mesh, &body.locator, body.lengths.stick())
-        .into_iter()
-        .map(|front| {
-            let sheet = &bone.crack.sheets[front.sheet];
-            let stations = evaluate(&fields, sheet, &front, body.lengths.h, K_FROM);
-            let drives = drives(&stations, front.closed, &body.lengths);
-            (front, stations, drives)
-        })
-        .collect();
-    report.strongest = evaluated
-        .iter()
-        .flat_map(|(_, _, drives)| drives)
-        .fold(0.0, |most, d| d.ratio.max(most));
-    for (front, stations, drives) in &evaluated {
-        let moves = advances(stations, drives, report.strongest, &body.lengths);
-        let points = stations.iter().zip(drives).zip(&moves);
-        let points = points.map(|((s, d), m)| FrontPoint::new(s, d, m)).collect();
-        report.fronts.push(points);
+    {
+        let stations = evaluate(
+            &fields,
+            &bone.crack.sheets[front.sheet],
+            &front,
+            body.lengths.h,
+            K_FROM,
+        );
+        let (drives, moves) = advances(&stations, front.closed, &body.lengths);
+        report.fronts.push(
+            stations
+                .iter()
+                .zip(drives.iter().zip(&moves))
+                .map(|(s, (d, m))| FrontPoint {
+                    position: s.position,
+                    k: [s.k.k1, s.k.k2, s.k.k3],
+                    g: s.g,
+                    drive: d.ratio,
+                    angle: d.kink,
+                    advance: m.norm(),
+                    inside: s.inside > 0.5,
+                })
+                .collect(),
+        );
+        report.strongest = drives
+            .iter()
+            .map(|d| d.ratio)
+            .fold(report.strongest, f64::max);
         if moves.iter().any(|m| *m != Vec3::zeros()) {
-            let strip = grow(&mut crack, front, &moves, &around);
+            let strip = grow(&mut crack, &front, &moves, &around);
             cuts.cut(&body.mesh, &body.locator, &strip.cut, body.chip_nodes());
             report.advanced = true;
         }
