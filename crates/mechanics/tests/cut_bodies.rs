@@ -193,7 +193,7 @@ fn stiffness_is_positive_definite_and_the_crack_only_softens() {
             }
         }
         let mut x = load.clone();
-        system.solve(&mut x, &mut system.scratch(1));
+        system.solve(&mut x, &mut system.scratch());
         let residual = system
             .multiply(&x)
             .iter()

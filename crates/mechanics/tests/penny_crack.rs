@@ -85,7 +85,7 @@ fn stations(alpha: f64) -> (Vec<Station>, f64) {
             }
         }
     }
-    system.solve(&mut x, &mut system.scratch(1));
+    system.solve(&mut x, &mut system.scratch());
     let sheet = Sheet {
         name: "penny".into(),
         mesh: disc(RADIUS, u, v, centre),

@@ -1,10 +1,25 @@
 use crate::geometry::{TetMesh, Vec3};
 
+/// One coordinate of one node that moves by a given amount.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prescribed {
+    /// The node.
+    pub node: u32,
+    /// 0, 1, 2 for x, y, z.
+    pub axis: u8,
+    /// Its displacement along that axis \[mm\].
+    pub value: f64,
+}
+
 /// How the body is held.
+///
+/// A support on a face that the crack crosses holds the enrichment there too: both sides move as the support does.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Supports {
     /// Nodes that do not move, ascending. Their enrichments are held with them.
     pub fixed: Vec<u32>,
+    /// Prescribed displacements, ascending by node, then axis; those of a fixed node are ignored.
+    pub prescribed: Vec<Prescribed>,
     /// Ground spring on every node \[N/mm\]: the soft tissue, and what keeps a loose fragment's equations regular.
     pub ground_spring: f64,
     /// Further springs to the ground: node and stiffness \[N/mm\] (a hand that steadies the body).
@@ -33,8 +48,23 @@ impl Supports {
         Self {
             fixed,
             ground_spring: alpha * young_modulus * mesh.mean_edge_length(),
-            springs: Vec::new(),
+            ..Default::default()
         }
+    }
+
+    /// Whether node `i` is fixed.
+    pub fn is_fixed(&self, i: u32) -> bool {
+        self.fixed.binary_search(&i).is_ok()
+    }
+
+    /// The prescribed displacements of node `i`, a value or none for each axis.
+    pub fn prescribed_at(&self, i: u32) -> [Option<f64>; 3] {
+        let first = self.prescribed.partition_point(|p| p.node < i);
+        let mut values = [None; 3];
+        for p in self.prescribed[first..].iter().take_while(|p| p.node == i) {
+            values[usize::from(p.axis)] = Some(p.value);
+        }
+        values
     }
 
     /// Steadies the body by springs of `stiffness` \[N/mm\] in all, spread over the nodes within `radius` of `centre`, or

@@ -93,6 +93,15 @@ pub struct Bone {
     pub(super) walled: Vec<usize>,
 }
 
+/// A crack with its equations: what makes one generation of a bone differ from the one before.
+#[derive(Debug)]
+pub(super) struct Grown {
+    pub crack: CrackSurface,
+    pub cuts: CutEdges,
+    pub topology: Topology,
+    pub system: System,
+}
+
 /// What is computed on a bone: the deformation under the present load.
 #[derive(Clone, Debug, Default)]
 pub struct BoneState {
@@ -147,27 +156,68 @@ impl Bone {
         let kept = |p: &&ShellPoint| !in_kerf(&crack, &p.position);
         let points = body.surface.iter().filter(kept).copied().collect();
         let walled = vec![0; crack.sheets.len()];
-        Self::assemble(0, body, crack, cuts, points, walled)
+        let topology = Topology::new(&body.mesh, &cuts);
+        let system = System::new(&body.mesh, &body.materials, &topology, &body.supports)?;
+        Ok(Self::assemble(
+            0,
+            body,
+            Grown {
+                crack,
+                cuts,
+                topology,
+                system,
+            },
+            points,
+            walled,
+        ))
     }
 
-    /// The next generation: cells, equations, shell and fragments for a grown crack.
+    /// The crack after growth, with its equations: old unknowns stay, the factor is only appended to. `newly_cut` are the
+    /// edges that `cuts` has beyond this bone's.
+    ///
+    /// # Errors
+    /// [`BoneError::Factor`] if the grown bone cannot be factored.
+    pub(super) fn grown(
+        &self,
+        crack: CrackSurface,
+        cuts: CutEdges,
+        newly_cut: &[u32],
+    ) -> Result<Grown, BoneError> {
+        let body = &self.body;
+        let topology = self.topology.grown(&body.mesh, &cuts, newly_cut);
+        let (materials, supports) = (&body.materials, &body.supports);
+        let system = self
+            .system
+            .grown(&body.mesh, materials, &topology, supports)?;
+        Ok(Grown {
+            crack,
+            cuts,
+            topology,
+            system,
+        })
+    }
+
+    /// The next generation: shell, faces and fragments for a grown crack.
     pub(super) fn assemble(
         generation: u32,
         body: Arc<Body>,
-        crack: CrackSurface,
-        cuts: CutEdges,
+        grown: Grown,
         mut points: Vec<ShellPoint>,
         mut walled: Vec<usize>,
-    ) -> Result<Self, BoneError> {
-        let topology = Topology::new(&body.mesh, &cuts);
-        let system = System::new(&body.mesh, &body.materials, &topology, &body.supports)?;
+    ) -> Self {
+        let Grown {
+            crack,
+            cuts,
+            topology,
+            system,
+        } = grown;
         for (sheet, done) in crack.sheets.iter().zip(&mut walled) {
             push_walls(&body, sheet, *done, &mut points);
             *done = sheet.mesh.triangles.len();
         }
         let cell_of = side_cells(&body, &topology, &points);
         let shell = PointShell::group(&points, &cell_of, topology.cells().len());
-        Ok(Self {
+        Self {
             generation,
             fragments: Fragments::find(&body.mesh, &cuts),
             faces: Arc::new(CrackFaces::new(&body.mesh, &cuts, &topology, &crack)),
@@ -179,7 +229,7 @@ impl Bone {
             topology,
             points,
             walled,
-        })
+        }
     }
 
     /// The bone at rest.

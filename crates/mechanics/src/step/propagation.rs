@@ -77,6 +77,7 @@ pub fn propagation_step(
     let mut report = GrowthReport::default();
     let mut crack = bone.crack.clone();
     let mut cuts = bone.cuts.clone();
+    let mut newly_cut = Vec::new();
     let around = body.surroundings();
     for front in bone
         .crack
@@ -111,7 +112,7 @@ pub fn propagation_step(
             .fold(report.strongest, f64::max);
         if moves.iter().any(|m| *m != Vec3::zeros()) {
             let strip = grow(&mut crack, &front, &moves, &around);
-            cuts.cut(&body.mesh, &body.locator, &strip.cut, body.chip_nodes());
+            newly_cut.extend(cuts.cut(&body.mesh, &body.locator, &strip.cut, body.chip_nodes()));
             report.advanced = true;
         }
     }
@@ -120,7 +121,7 @@ pub fn propagation_step(
     {
         report.ligament = Some((edges.len(), ratio));
         if ratio >= 1.0 {
-            cuts.cut_at_middle(&body.mesh, &edges, 1);
+            newly_cut.extend(cuts.cut_at_middle(&body.mesh, &edges, 1));
             report.advanced = true;
         }
     }
@@ -130,11 +131,10 @@ pub fn propagation_step(
     let next = Bone::assemble(
         bone.generation + 1,
         body.clone(),
-        crack,
-        cuts,
+        bone.grown(crack, cuts, &newly_cut)?,
         bone.points.clone(),
         bone.walled.clone(),
-    )?;
+    );
     Ok((Some(next), report))
 }
 
@@ -166,20 +166,19 @@ fn ligament(
         return Ok(None);
     }
     let mut cuts = bone.cuts.clone();
-    cuts.cut_at_middle(&body.mesh, &edges, 1);
+    let newly_cut = cuts.cut_at_middle(&body.mesh, &edges, 1);
     let torn = Bone::assemble(
         bone.generation,
         body.clone(),
-        bone.crack.clone(),
-        cuts,
+        bone.grown(bone.crack.clone(), cuts, &newly_cut)?,
         Vec::new(),
         bone.walled.clone(),
-    )?;
+    );
     let work = |b: &Bone| {
         let mut x = vec![0.0; b.system.n()];
         b.add_loads(&b.carry_loads(bone, &state.loads), &mut x);
         let f = x.clone();
-        b.system.solve(&mut x, &mut b.system.scratch(1));
+        b.system.solve(&mut x, &mut b.system.scratch());
         f.iter().zip(&x).map(|(f, x)| f * x).sum::<f64>()
     };
     let area = torn.crack_area() - bone.crack_area();
