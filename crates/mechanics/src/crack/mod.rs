@@ -1,4 +1,5 @@
 //! The crack: its explicit surface, what it cuts, how hard it is driven, and how it grows.
+mod body;
 pub mod criterion;
 mod cut_edges;
 mod enrichment;
@@ -9,6 +10,7 @@ pub mod stress_intensity;
 mod surface;
 mod system;
 
+pub use body::{BodyError, CrackedBody, EvaluatedFront, Growth, Solid};
 pub use cut_edges::CutEdges;
 pub use enrichment::{Cell, STANDARD, Topology};
 pub use fragments::{Fragments, SMALLEST_FRAGMENT, UnionFind, bridging_edges};

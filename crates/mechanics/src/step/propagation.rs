@@ -1,7 +1,6 @@
-use super::bone::{Bone, BoneError, BoneState};
-use crate::crack::bridging_edges;
-use crate::crack::growth::{advances, grow};
-use crate::crack::stress_intensity::{Fields, evaluate};
+use super::bone::{Bone, BoneState};
+use crate::crack::growth::advances;
+use crate::crack::{BodyError, EvaluatedFront, Front, bridging_edges};
 use crate::geometry::Vec3;
 
 /// How the propagation step behaves.
@@ -58,39 +57,18 @@ const K_FROM: f64 = 0.3;
 /// Returns the next generation, or none if the crack rests. `state` must belong to `bone`.
 ///
 /// # Errors
-/// [`BoneError::Factor`] if the grown bone cannot be factored; the old one stays valid.
+/// [`BodyError::Factor`] if the grown bone cannot be factored; the old one stays valid.
 pub fn propagation_step(
     bone: &Bone,
     state: &BoneState,
     settings: &PropagationSettings,
-) -> Result<(Option<Bone>, GrowthReport), BoneError> {
+) -> Result<(Option<Bone>, GrowthReport), BodyError> {
     let body = &bone.body;
-    let fields = Fields {
-        mesh: &body.mesh,
-        locator: &body.locator,
-        materials: &body.materials,
-        topology: &bone.topology,
-        system: &bone.system,
-        x: &state.x,
-        loads: &state.loads,
-    };
     let mut report = GrowthReport::default();
-    let mut crack = bone.crack.clone();
-    let mut cuts = bone.cuts.clone();
-    let mut newly_cut = Vec::new();
-    let around = body.surroundings();
-    for front in bone
-        .crack
-        .fronts(&body.mesh, &body.locator, body.lengths.stick())
-    {
-        let stations = evaluate(
-            &fields,
-            &bone.crack.sheets[front.sheet],
-            &front,
-            body.lengths.h,
-            K_FROM,
-        );
-        let (drives, moves) = advances(&stations, front.closed, &body.lengths);
+    let evaluated = bone.evaluate_fronts(&state.x, &state.loads, K_FROM);
+    let mut moving: Vec<(&Front, Vec<Vec3>)> = Vec::new();
+    for EvaluatedFront { front, stations } in &evaluated {
+        let (drives, moves) = advances(stations, front.closed, &body.lengths);
         report.fronts.push(
             stations
                 .iter()
@@ -111,17 +89,18 @@ pub fn propagation_step(
             .map(|d| d.ratio)
             .fold(report.strongest, f64::max);
         if moves.iter().any(|m| *m != Vec3::zeros()) {
-            let strip = grow(&mut crack, &front, &moves, &around);
-            newly_cut.extend(cuts.cut(&body.mesh, &body.locator, &strip.cut, body.chip_nodes()));
-            report.advanced = true;
+            moving.push((front, moves));
         }
     }
+    report.advanced = !moving.is_empty();
+    let moving: Vec<_> = moving.iter().map(|(f, m)| (*f, m.as_slice())).collect();
+    let mut growth = bone.advanced(&moving);
     if !report.advanced
         && let Some((edges, ratio)) = ligament(bone, state, settings)?
     {
         report.ligament = Some((edges.len(), ratio));
         if ratio >= 1.0 {
-            newly_cut.extend(cuts.cut_at_middle(&body.mesh, &edges, 1));
+            growth.tear(&body.mesh, &edges);
             report.advanced = true;
         }
     }
@@ -131,7 +110,7 @@ pub fn propagation_step(
     let next = Bone::assemble(
         bone.generation + 1,
         body.clone(),
-        bone.grown(crack, cuts, &newly_cut)?,
+        bone.cracked.grown(growth)?,
         bone.points.clone(),
         bone.walled.clone(),
     );
@@ -150,7 +129,7 @@ fn ligament(
     bone: &Bone,
     state: &BoneState,
     settings: &PropagationSettings,
-) -> Result<Option<(Vec<u32>, f64)>, BoneError> {
+) -> Result<Option<(Vec<u32>, f64)>, BodyError> {
     let body = &bone.body;
     let [source, sink] = &body.ends;
     let Some(edges) = bridging_edges(
@@ -165,12 +144,12 @@ fn ligament(
     if edges.is_empty() || state.loads.is_empty() {
         return Ok(None);
     }
-    let mut cuts = bone.cuts.clone();
-    let newly_cut = cuts.cut_at_middle(&body.mesh, &edges, 1);
+    let mut growth = bone.advanced(&[]);
+    growth.tear(&body.mesh, &edges);
     let torn = Bone::assemble(
         bone.generation,
         body.clone(),
-        bone.grown(bone.crack.clone(), cuts, &newly_cut)?,
+        bone.cracked.grown(growth)?,
         Vec::new(),
         bone.walled.clone(),
     );

@@ -10,7 +10,7 @@ use osteotome_anatomy::{
 use osteotome_mechanics::bone::Supports;
 use osteotome_mechanics::contact::{PointOrigin, ShellPoint};
 use osteotome_mechanics::crack::growth::GrowthLengths;
-use osteotome_mechanics::crack::{CrackSurface, LinePoint, Sheet};
+use osteotome_mechanics::crack::{CrackSurface, LinePoint, Sheet, Solid};
 use osteotome_mechanics::geometry::{MeshDistance, TetLocator, TetMesh, Vec3};
 use osteotome_mechanics::step::{Body, Bone, Region};
 use std::sync::Arc;
@@ -170,13 +170,15 @@ fn body(s: &Scenario, patient: &Patient) -> Body {
     let mut body = Body {
         wall_density: patient.shell.len() as f64 / area,
         region: Region(Arc::new(MeshDistance::new(patient.surface.clone()))),
-        lengths: GrowthLengths::for_element_size(h),
-        materials: patient.materials.clone(),
         surface: Vec::new(),
-        supports,
+        solid: Arc::new(Solid {
+            lengths: GrowthLengths::for_element_size(h),
+            materials: patient.materials.clone(),
+            supports,
+            locator,
+            mesh,
+        }),
         ends,
-        locator,
-        mesh,
     };
     body.surface = shell_points(&patient.shell, &body);
     body
