@@ -2,6 +2,7 @@ use super::cut_edges::CutEdges;
 use super::enrichment::Topology;
 use super::fragments::Fragments;
 use super::growth::{GrowthLengths, Surroundings, grow};
+use super::lead::Lead;
 use super::stress_intensity::{CellForce, Fields, Station, evaluate, front_frames};
 use super::surface::{CrackSurface, Front};
 use super::system::System;
@@ -63,6 +64,19 @@ impl Solid {
         (self.mesh.nodes().len() / 300).max(2)
     }
 
+    /// What is to be cut ahead of the fronts of a crack that has not grown yet, with the sheet of each.
+    fn leads(&self, crack: &CrackSurface) -> Vec<(usize, Lead)> {
+        let fronts = crack.fronts(&self.mesh, &self.locator, self.lengths.stick());
+        let lead = |front: &Front| {
+            let sheet = &crack.sheets[front.sheet];
+            let (points, advances) = front_frames(sheet, front, self.lengths.h);
+            let around = self.surroundings();
+            let lead = around.lead_ahead(crack, front.sheet, &points, &advances);
+            (front.sheet, lead)
+        };
+        fronts.iter().map(lead).collect()
+    }
+
     fn check(&self) -> Result<(), BodyError> {
         let needed = self.mesh.tets().len();
         if self.materials.len() != needed {
@@ -112,21 +126,21 @@ impl CrackedBody {
     /// [`BodyError`] for a material out of range or a body that nothing holds.
     pub fn new(solid: Arc<Solid>, mut crack: CrackSurface) -> Result<Self, BodyError> {
         solid.check()?;
-        let mut cuts = CutEdges::new(&solid.mesh);
+        let leads = solid.leads(&crack);
+        let (mesh, locator) = (&solid.mesh, &solid.locator);
+        let mut cuts = CutEdges::new(mesh);
         for sheet in &crack.sheets {
-            cuts.cut(&solid.mesh, &solid.locator, &sheet.mesh, solid.chip_nodes());
+            cuts.seat_nodes(mesh, locator, &sheet.mesh);
         }
-        let around = solid.surroundings();
-        let mut leads = Vec::new();
-        for front in crack.fronts(&solid.mesh, &solid.locator, solid.lengths.stick()) {
-            let sheet = &crack.sheets[front.sheet];
-            let (points, advances) = front_frames(sheet, &front, solid.lengths.h);
-            let lead = around.lead_strip(&crack, front.sheet, &points, &advances);
-            cuts.cut(&solid.mesh, &solid.locator, &lead, solid.chip_nodes());
-            leads.push((front.sheet, lead));
+        for (_, lead) in &leads {
+            lead.seat(&mut cuts, mesh, locator);
+        }
+        for sheet in &crack.sheets {
+            cuts.cut(mesh, locator, &sheet.mesh, solid.chip_nodes());
         }
         for (sheet, lead) in leads {
-            crack.sheets[sheet].lead.append(&lead);
+            lead.cut(&mut cuts, mesh, locator, solid.chip_nodes());
+            crack.sheets[sheet].lead.append(&lead.mesh);
         }
         let topology = Topology::new(&solid.mesh, &cuts);
         let system = System::new(&solid.mesh, &solid.materials, &topology, &solid.supports)?;
@@ -169,17 +183,16 @@ impl CrackedBody {
             mesh: &s.mesh,
             locator: &s.locator,
             materials: &s.materials,
+            cuts: &self.cuts,
             topology: &self.topology,
             system: &self.system,
             x,
             loads,
         };
-        let stations = |front: Front| {
-            let sheet = &self.crack.sheets[front.sheet];
-            let stations = evaluate(&fields, sheet, &front, s.lengths.h, k_from);
-            EvaluatedFront { front, stations }
-        };
-        self.fronts().into_iter().map(stations).collect()
+        let fronts = self.fronts();
+        let all = evaluate(&fields, &self.crack, &fronts, s.lengths.h, k_from);
+        let pair = |(front, stations)| EvaluatedFront { front, stations };
+        fronts.into_iter().zip(all).map(pair).collect()
     }
 
     /// The crack after its fronts have moved, one vector \[mm\] for each vertex of each front.
@@ -192,7 +205,7 @@ impl CrackedBody {
         };
         for (front, moves) in fronts {
             let strip = grow(&mut growth.crack, front, moves, &s.surroundings());
-            let cut = (growth.cuts).cut(&s.mesh, &s.locator, &strip.cut, s.chip_nodes());
+            let cut = strip.cut(&mut growth.cuts, &s.mesh, &s.locator, s.chip_nodes());
             growth.newly_cut.extend(cut);
         }
         growth
