@@ -1,4 +1,5 @@
 use super::cut_edges::CutEdges;
+use super::cut_polygon::cut_area;
 use super::enrichment::Topology;
 use super::fragments::Fragments;
 use super::growth::{GrowthLengths, Surroundings, grow};
@@ -115,18 +116,6 @@ impl CrackedBody {
         let cuts = solid
             .surroundings()
             .first_cuts(&mut crack, solid.chip_nodes());
-        Self::from_cuts(solid, crack, cuts)
-    }
-
-    /// The body with exactly these cuts.
-    ///
-    /// # Errors
-    /// [`BodyError::Factor`] if nothing holds some part of it.
-    pub fn from_cuts(
-        solid: Arc<Solid>,
-        crack: CrackSurface,
-        cuts: CutEdges,
-    ) -> Result<Self, BodyError> {
         let topology = Topology::new(&solid.mesh, &cuts);
         let system = System::new(&solid.mesh, &solid.materials, &topology, &solid.supports)?;
         Ok(Self {
@@ -154,6 +143,63 @@ impl CrackedBody {
         }
     }
 
+    /// The same loads on this body, where `old` is an earlier state of it: same place, same side.
+    pub fn carry_loads(&self, old: &Self, loads: &[CellForce]) -> Vec<CellForce> {
+        let carry = |l: &CellForce| {
+            let was = &old.topology.cells()[l.cell as usize];
+            let common = |c: &usize| (self.topology.cells()[*c].mask & was.mask).count_ones();
+            let same = self.topology.cells_of(was.tet).rev().max_by_key(common);
+            CellForce {
+                cell: same.map_or(0, |c| c as u32),
+                ..*l
+            }
+        };
+        loads.iter().map(carry).collect()
+    }
+
+    /// The work f . u of loads with the displacements that they cause: twice the elastic energy \[N mm\].
+    pub fn work(&self, loads: &[CellForce]) -> f64 {
+        let mut x = vec![0.0; self.system.n()];
+        self.add_loads(loads, &mut x);
+        let f = x.clone();
+        self.system.solve(&mut x, &mut self.system.scratch());
+        f.iter().zip(&x).map(|(f, x)| f * x).sum()
+    }
+
+    /// What growing from `before` to this body costs: area \[mm2\] and energy \[N mm\] of the new faces.
+    ///
+    /// The energy is the area in each tetrahedron that touches an edge of `newly_cut` times its toughness across the cut.
+    pub fn cost(&self, before: &Self, newly_cut: &[u32]) -> (f64, f64) {
+        let mesh = &self.solid.mesh;
+        let mut tets: Vec<u32> = newly_cut
+            .iter()
+            .flat_map(|&e| mesh.tets_of_edge(e))
+            .collect();
+        tets.sort_unstable();
+        tets.dedup();
+        let [now, then] = [self, before].map(|b| {
+            let faces = tets.iter().map(|&t| b.faces_in(t));
+            faces.fold((0.0, 0.0), |sum, f| (sum.0 + f.0, sum.1 + f.1))
+        });
+        (now.0 - then.0, now.1 - then.1)
+    }
+
+    /// Area of the crack in one tetrahedron, and that area times the toughness across it.
+    fn faces_in(&self, t: u32) -> (f64, f64) {
+        let cells = &self.topology.cells()[self.topology.cells_of(t)];
+        if cells.len() < 2 {
+            return (0.0, 0.0);
+        }
+        let material = &self.solid.materials[t as usize];
+        cells.iter().fold((0.0, 0.0), |(area, energy), cell| {
+            let vector = cut_area(&self.solid.mesh, &self.cuts, cell).1;
+            let (length, normal) = (vector.norm(), vector.try_normalize(1e-12));
+            let toughness = normal.map_or(0.0, |n| material.toughness(&n));
+            // Each face is seen from both sides.
+            (area + 0.5 * length, energy + 0.5 * length * toughness)
+        })
+    }
+
     /// G and K at every vertex of every front under `loads`, whose solution is `x`.
     ///
     /// `k_from`: see [`evaluate`].
@@ -175,30 +221,66 @@ impl CrackedBody {
             loads,
         };
         let fronts = self.fronts();
-        let stations = evaluate(&fields, &self.crack, &fronts, s.lengths.h, k_from);
-        let paired = fronts.into_iter().zip(stations);
-        paired
-            .map(|(front, stations)| EvaluatedFront { front, stations })
-            .collect()
+        let all = evaluate(&fields, &self.crack, &fronts, s.lengths.h, k_from);
+        let pair = |(front, stations)| EvaluatedFront { front, stations };
+        fronts.into_iter().zip(all).map(pair).collect()
     }
 
-    /// The crack after its fronts have moved, one vector \[mm\] for each vertex of each front, and what it has cut by then.
-    pub fn grown(&self, fronts: &[(&Front, &[Vec3])]) -> (CrackSurface, CutEdges) {
-        let (mut crack, mut cuts) = (self.crack.clone(), self.cuts.clone());
+    /// The crack after its fronts have moved, one vector \[mm\] for each vertex of each front.
+    pub fn advanced(&self, fronts: &[(&Front, &[Vec3])]) -> Growth {
         let s = &self.solid;
+        let mut growth = Growth {
+            crack: self.crack.clone(),
+            cuts: self.cuts.clone(),
+            newly_cut: Vec::new(),
+        };
         for (front, moves) in fronts {
-            let strip = grow(&mut crack, front, moves, &s.surroundings());
-            strip.cut(&mut cuts, &s.mesh, &s.locator, s.chip_nodes());
+            let strip = grow(&mut growth.crack, front, moves, &s.surroundings());
+            let cut = strip.cut(&mut growth.cuts, &s.mesh, &s.locator, s.chip_nodes());
+            growth.newly_cut.extend(cut);
         }
-        (crack, cuts)
+        growth
     }
 
-    /// The body after its fronts have moved, one vector \[mm\] for each vertex of each front.
+    /// The body after a growth of its crack: old unknowns stay, the factor is only appended to.
     ///
     /// # Errors
     /// [`BodyError::Factor`] if the grown crack leaves a part that nothing holds; `self` stays valid.
-    pub fn grow(&self, fronts: &[(&Front, &[Vec3])]) -> Result<Self, BodyError> {
-        let (crack, cuts) = self.grown(fronts);
-        Self::from_cuts(self.solid.clone(), crack, cuts)
+    pub fn grown(&self, growth: Growth) -> Result<Self, BodyError> {
+        let s = &self.solid;
+        let Growth {
+            crack,
+            cuts,
+            newly_cut,
+        } = growth;
+        let topology = self.topology.grown(&s.mesh, &cuts, &newly_cut);
+        let system = (self.system).grown(&s.mesh, &s.materials, &topology, &s.supports)?;
+        Ok(Self {
+            solid: self.solid.clone(),
+            fragments: Fragments::find(&s.mesh, &cuts),
+            system: Arc::new(system),
+            crack,
+            cuts,
+            topology,
+        })
+    }
+}
+
+/// A crack that has grown, not yet part of its body's equations.
+#[derive(Clone, Debug)]
+pub struct Growth {
+    /// The grown surface.
+    pub crack: CrackSurface,
+    /// What it has cut.
+    pub cuts: CutEdges,
+    /// The edges cut beyond those of the body it grew in.
+    pub newly_cut: Vec<u32>,
+}
+
+impl Growth {
+    /// Cuts further edges at their middle.
+    pub fn tear(&mut self, mesh: &TetMesh, edges: &[u32]) {
+        self.newly_cut
+            .extend(self.cuts.cut_at_middle(mesh, edges, 1));
     }
 }

@@ -8,13 +8,14 @@ mod fragments;
 mod front;
 pub mod growth;
 mod lead;
+pub mod level_set;
 pub mod stress_intensity;
 mod surface;
 mod system;
 
-pub use body::{BodyError, CrackedBody, EvaluatedFront, Solid};
+pub use body::{BodyError, CrackedBody, EvaluatedFront, Growth, Solid};
 pub use cut_edges::CutEdges;
-pub use cut_polygon::{FacePiece, cut_polygon, face_pieces};
+pub use cut_polygon::{FacePiece, cut_area, cut_polygon, face_pieces};
 pub use enrichment::{Cell, STANDARD, Topology};
 pub use fragments::{Fragments, SMALLEST_FRAGMENT, UnionFind, bridging_edges};
 pub use lead::Lead;
