@@ -578,7 +578,7 @@ const PATIENCE: u32 = 5;
 /// Smallest dihedral angle of a good mesh \[degrees\]; below 8 is refused by those who use it.
 const GOOD_DIHEDRAL: f64 = 9.5;
 /// Lattice positions tried at most.
-const MAX_OFFSETS: i32 = 5;
+const MAX_OFFSETS: i32 = 8;
 /// Iterations of spacing, shift and swelling for each of them.
 const MAX_FITS: u32 = 16;
 /// Swelling in one iteration and at most, and how far it reaches, in spacings.
