@@ -1,7 +1,8 @@
 //! Tetrahedra from a signed distance: isosurface stuffing (Labelle & Shewchuk 2007, SIGGRAPH) on a body-centred cubic lattice.
 //!
 //! Lattice points that the surface nearly touches are warped onto it, the lattice tetrahedra inside are kept, those across the
-//! surface are cut. All dihedral angles are bounded by construction, whatever the surface.
+//! surface are cut. All dihedral angles are bounded by construction, whatever the surface. A mesh that is finer about a place
+//! comes from a lattice that a conformal map has drawn together there ([`Focus`]).
 use crate::error::AnatomyError;
 use crate::focus::Focus;
 use crate::landmarks::JawFrame;

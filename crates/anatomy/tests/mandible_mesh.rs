@@ -72,7 +72,7 @@ fn edge_near(mesh: &TetMesh, place: &[Vec3]) -> f64 {
 }
 
 /// Graded about the Dal Pont line: the bounds of even meshes hold, and edges there are shorter than in an even mesh of as many
-/// nodes. By the estimate of [`Focus`](osteotome_anatomy::Focus) they are 0.72 to 0.86 of them; 0.8 and 0.9 are asked for.
+/// nodes.
 #[test]
 fn graded_about_the_line() {
     let mandible = ParametricMandible::new(Parameters::default()).unwrap();
