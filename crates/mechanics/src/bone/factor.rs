@@ -1,11 +1,12 @@
 use super::block_matrix::BlockMatrix;
 use super::dense::{add_columns, dot, subtract_dots, view, view_mut};
+use super::ordering::nested_dissection;
+use crate::geometry::Vec3;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::perm::PermRef;
-use faer::sparse::linalg::amd;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
@@ -31,7 +32,7 @@ const ROOT: u32 = u32::MAX;
 
 /// Sparse Cholesky factor K = L L^T of a symmetric positive definite matrix of 3 x 3 blocks.
 ///
-/// The blocks are ordered by approximate minimum degree; faer computes L once. It is kept by supernodes (runs of columns with
+/// The blocks are ordered by nested dissection; faer computes L once. It is kept by supernodes (runs of columns with
 /// one pattern, dense and column-major), so that a triangular solve can be held to those supernodes that a right-hand side
 /// reaches: its path up the elimination tree.
 #[derive(Clone, Debug)]
@@ -93,14 +94,24 @@ impl Path {
 }
 
 impl Factor {
-    /// Orders, analyses and factors.
+    /// Orders, analyses and factors. `positions`: where each block acts, for the ordering.
     ///
     /// # Errors
     /// [`FactorError`] if the matrix is not positive definite or does not fit.
-    pub fn new(matrix: &BlockMatrix) -> Result<Self, FactorError> {
+    pub fn new(matrix: &BlockMatrix, positions: &[Vec3]) -> Result<Self, FactorError> {
         let n = 3 * matrix.n_blocks();
         let memory = |_| FactorError::OutOfMemory(n);
-        let (unknown_at, place) = order(matrix)?;
+        let (starts, rows) = matrix.pattern();
+        let blocks = nested_dissection(starts, rows, positions);
+        let unknown_at: Vec<usize> = blocks
+            .iter()
+            .flat_map(|b| (0..3).map(move |k| 3 * *b as usize + k))
+            .collect();
+        let mut place = vec![0; n];
+        unknown_at
+            .iter()
+            .enumerate()
+            .for_each(|(p, u)| place[*u] = p);
         let (starts, rows, values) = scalar_columns(matrix);
         let pattern = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &rows);
         let params = CholeskySymbolicParams {
@@ -368,31 +379,6 @@ impl Factor {
             }
         }
     }
-}
-
-/// Approximate minimum degree on the graph of blocks, spread to unknowns: (unknown at each place, place of each unknown).
-fn order(matrix: &BlockMatrix) -> Result<(Vec<usize>, Vec<usize>), FactorError> {
-    let n = matrix.n_blocks();
-    let (starts, rows) = matrix.pattern();
-    let rows: Vec<usize> = rows.iter().map(|r| *r as usize).collect();
-    let graph = SymbolicSparseColMatRef::new_checked(n, n, starts, None, &rows);
-    let (mut at, mut place) = (vec![0usize; n], vec![0usize; n]);
-    let need = amd::order_maybe_unsorted_scratch::<usize>(n, rows.len());
-    let mut buffer = MemBuffer::try_new(need).map_err(|_| FactorError::OutOfMemory(3 * n))?;
-    amd::order_maybe_unsorted(
-        &mut at,
-        &mut place,
-        graph,
-        Default::default(),
-        MemStack::new(&mut buffer),
-    )
-    .map_err(|_| FactorError::OutOfMemory(3 * n))?;
-    let spread = |v: &[usize]| {
-        v.iter()
-            .flat_map(|b| (0..3).map(move |k| 3 * b + k))
-            .collect()
-    };
-    Ok((spread(&at), spread(&place)))
 }
 
 fn scalar_columns(matrix: &BlockMatrix) -> (Vec<usize>, Vec<usize>, Vec<f64>) {

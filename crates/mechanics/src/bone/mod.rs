@@ -4,6 +4,7 @@ mod bordered;
 mod dense;
 mod factor;
 mod material;
+mod ordering;
 pub mod stiffness;
 mod supports;
 

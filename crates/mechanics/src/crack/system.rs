@@ -67,12 +67,13 @@ impl System {
         let ground = ground_springs(mesh, supports);
         let matrix = assemble(mesh, materials, topology, &numbering, &ground);
         let (held, moved) = held_unknowns(topology, supports, &numbering);
+        let positions = numbering.positions(mesh, topology);
         let factor = if held.is_empty() {
-            Factor::new(&matrix)?
+            Factor::new(&matrix, &positions)?
         } else {
             let mut free = matrix.clone();
             free.decouple(|i| held.binary_search(&i).is_ok());
-            Factor::new(&free)?
+            Factor::new(&free, &positions)?
         };
         let mut system = Self {
             block_of_enrichment: numbering.of_enrichment,
@@ -469,6 +470,17 @@ impl Numbering {
                 .collect(),
             n_blocks: n_blocks as usize,
         }
+    }
+
+    /// Where each block acts.
+    fn positions(&self, mesh: &TetMesh, topology: &Topology) -> Vec<Vec3> {
+        let nodes = (0u32..).zip(&self.of_node);
+        let enrichments = topology.enriched_nodes().iter().copied();
+        nodes
+            .chain(enrichments.zip(&self.of_enrichment))
+            .filter(|(_, b)| **b != FIXED)
+            .map(|(i, _)| mesh.nodes()[i as usize])
+            .collect()
     }
 
     fn blocks<'a>(
