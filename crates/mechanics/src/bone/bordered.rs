@@ -75,8 +75,9 @@ pub struct HalfSolved {
     m: usize,
 }
 
-/// Most columns in a batch: enough for dense products, few enough that their paths have most in common.
-const MOST_COLUMNS: usize = 48;
+/// Most columns in a batch: enough for dense products, few enough that their paths have most in common (48 and 96 are a
+/// tie).
+const MOST_COLUMNS: usize = 96;
 
 impl Bordered {
     /// A factor without border.

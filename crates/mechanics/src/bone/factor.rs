@@ -27,6 +27,9 @@ pub enum FactorError {
     OutOfMemory(usize),
 }
 
+/// Supernodes of fewer values are swept column by column: calls of the dense kernels cost more than they save.
+const SMALL: usize = 1200;
+
 /// "No supernode above."
 const ROOT: u32 = u32::MAX;
 
@@ -300,25 +303,15 @@ impl Factor {
     pub(super) fn forward(&self, path: &Path, y: &mut [f64], below: &mut [f64]) {
         for &s in &path.supernodes {
             let (columns, pattern) = (self.columns(s as usize), self.pattern(s as usize));
-            let (n, stride) = (columns.len(), columns.len() + pattern.len());
+            let stride = columns.len() + pattern.len();
             let l = self.values(s as usize);
-            let top = &mut y[columns.clone()];
+            let top = &mut y[columns];
             if top.iter().all(|v| *v == 0.0) {
-                continue;
-            }
-            for c in 0..n {
-                let column = &l[c * stride..c * stride + n];
-                top[c] /= column[c];
-                let x = top[c];
-                let rest = top[c + 1..].iter_mut().zip(&column[c + 1..]);
-                rest.for_each(|(t, l)| *t -= l * x);
-            }
-            if pattern.is_empty() {
                 continue;
             }
             let below = &mut below[..pattern.len()];
             below.fill(0.0);
-            add_columns(below, &l[n..], stride, top);
+            eliminate(l, stride, top, below);
             for (row, b) in pattern.iter().zip(&*below) {
                 y[*row as usize] -= b;
             }
@@ -359,15 +352,24 @@ impl Factor {
         for (&s, &offset) in path.supernodes.iter().zip(&path.offset) {
             let (n, pattern) = (self.columns(s as usize).len(), self.pattern(s as usize));
             let (l, stride) = (self.values(s as usize), n + pattern.len());
-            let top = view_mut(panel, n_rows, offset, n, m);
-            solve_lower_triangular_in_place(view(l, stride, 0, n, n), top, Par::Seq);
+            if n * stride < SMALL {
+                let below = &mut below[..pattern.len() * m];
+                below.fill(0.0);
+                for (c, column) in panel.chunks_exact_mut(n_rows).enumerate() {
+                    let below = &mut below[c * pattern.len()..(c + 1) * pattern.len()];
+                    eliminate(l, stride, &mut column[offset..offset + n], below);
+                }
+            } else {
+                let top = view_mut(panel, n_rows, offset, n, m);
+                solve_lower_triangular_in_place(view(l, stride, 0, n, n), top, Par::Seq);
+                let top = view(panel, n_rows, offset, n, m);
+                let product = view_mut(&mut below, pattern.len(), 0, pattern.len(), m);
+                let lower = view(l, stride, n, pattern.len(), n);
+                matmul(product, Accum::Replace, lower, top, 1.0, Par::Seq);
+            }
             if pattern.is_empty() {
                 continue;
             }
-            let top = view(panel, n_rows, offset, n, m);
-            let product = view_mut(&mut below, pattern.len(), 0, pattern.len(), m);
-            let lower = view(l, stride, n, pattern.len(), n);
-            matmul(product, Accum::Replace, lower, top, 1.0, Par::Seq);
             for (column, below) in panel
                 .chunks_exact_mut(n_rows)
                 .zip(below.chunks_exact(pattern.len()))
@@ -378,6 +380,21 @@ impl Factor {
                 }
             }
         }
+    }
+}
+
+/// One supernode's part of a forward sweep: its own rows become x, and what they take from those below is added to `below`.
+fn eliminate(l: &[f64], stride: usize, top: &mut [f64], below: &mut [f64]) {
+    let n = top.len();
+    for c in 0..n {
+        let column = &l[c * stride..c * stride + n];
+        top[c] /= column[c];
+        let x = top[c];
+        let rest = top[c + 1..].iter_mut().zip(&column[c + 1..]);
+        rest.for_each(|(t, l)| *t -= l * x);
+    }
+    if !below.is_empty() {
+        add_columns(below, &l[n..], stride, top);
     }
 }
 

@@ -19,6 +19,7 @@ pub fn nested_dissection(starts: &[usize], rows: &[u32], positions: &[Vec3]) -> 
         graph: &graph,
         positions,
         part_of: vec![0; positions.len()],
+        rank: vec![0; positions.len()],
         n_parts: 1,
         order: Vec::with_capacity(positions.len()),
     };
@@ -120,6 +121,8 @@ struct Dissection<'a> {
     graph: &'a Graph,
     positions: &'a [Vec3],
     part_of: Vec<u32>,
+    /// Place of each block in the part that is being cut.
+    rank: Vec<usize>,
     n_parts: u32,
     order: Vec<u32>,
 }
@@ -155,15 +158,16 @@ impl Dissection<'_> {
     }
 
     /// Where to cut a sorted part, and the blocks of one side that touch the other there.
-    fn thinnest(&self, blocks: &[u32], part: u32) -> (usize, Vec<u32>) {
+    fn thinnest(&mut self, blocks: &[u32], part: u32) -> (usize, Vec<u32>) {
         let n = blocks.len();
-        let mut rank = rustc_hash::FxHashMap::default();
-        rank.extend(blocks.iter().enumerate().map(|(k, b)| (*b, k)));
+        for (k, b) in blocks.iter().enumerate() {
+            self.rank[*b as usize] = k;
+        }
         let ranks = |b: &u32| {
             let inside = self.graph.around(*b).iter();
             inside
                 .filter(|c| self.part_of[**c as usize] == part)
-                .map(|c| rank[c])
+                .map(|c| self.rank[*c as usize])
         };
         let reach: Vec<(usize, usize)> = blocks
             .iter()
@@ -178,7 +182,10 @@ impl Dissection<'_> {
             let below = (0..at).filter(|&r| reach[r].1 >= at).map(|r| blocks[r]);
             let above = (at..n).filter(|&r| reach[r].0 < at).map(|r| blocks[r]);
             for side in [below.collect::<Vec<_>>(), above.collect()] {
-                if best.as_ref().is_none_or(|b| cost(at, &side) < cost(b.0, &b.1)) {
+                if best
+                    .as_ref()
+                    .is_none_or(|b| cost(at, &side) < cost(b.0, &b.1))
+                {
                     best = Some((at, side));
                 }
             }
