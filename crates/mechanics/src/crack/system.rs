@@ -151,9 +151,9 @@ impl System {
                     continue;
                 }
                 let element = Element::new(mesh, materials, &self.base.ground, cell);
-                for b in 0..4 {
+                for (b, n) in nodes.iter().enumerate() {
                     let k = element.block(a, b);
-                    let columns = self.blocks(nodes[b], cell.enrichment[b]);
+                    let columns = self.blocks(*n, cell.enrichment[b]);
                     blocks.extend(columns.filter(|c| *c <= row).map(|c| (c, k)));
                 }
             }
@@ -552,8 +552,8 @@ fn assemble(
         let nodes = &mesh.tets()[cell.tet as usize];
         for a in 0..4 {
             for row in numbering.blocks(topology, nodes[a], cell.enrichment[a]) {
-                for b in 0..4 {
-                    for col in numbering.blocks(topology, nodes[b], cell.enrichment[b]) {
+                for (b, n) in nodes.iter().enumerate() {
+                    for col in numbering.blocks(topology, *n, cell.enrichment[b]) {
                         if row >= col {
                             visit(a, b, row, col);
                         }
