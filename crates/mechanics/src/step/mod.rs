@@ -10,6 +10,6 @@ mod relaxation;
 mod walls;
 mod yielding;
 
-pub use bone::{Body, Bone, BoneError, BoneState, Region};
+pub use bone::{Body, Bone, BoneState, Region};
 pub use crack_faces::{CrackFaces, FaceContact};
 pub use propagation::{FrontPoint, GrowthReport, PropagationSettings, propagation_step};

@@ -1,0 +1,313 @@
+use super::cut_edges::CutEdges;
+use super::cut_polygon::cut_area;
+use super::enrichment::Topology;
+use super::fragments::Fragments;
+use super::growth::{GrowthLengths, Surroundings, grow};
+use super::lead::Lead;
+use super::stress_intensity::{CellForce, Fields, Station, evaluate, front_frames};
+use super::surface::{CrackSurface, Front};
+use super::system::System;
+use crate::bone::{FactorError, MaterialError, Supports, TetMaterial};
+use crate::geometry::{TetLocator, TetMesh, Vec3};
+use std::sync::Arc;
+
+/// Why a cracked body could not be made.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum BodyError {
+    /// A material is out of its range.
+    #[error("material of tetrahedron {tet}: {source}")]
+    Material {
+        /// Which tetrahedron.
+        tet: usize,
+        /// What is wrong with it.
+        source: MaterialError,
+    },
+    /// There must be one material for each tetrahedron.
+    #[error("{given} materials for {needed} tetrahedra; there must be one for each")]
+    MaterialCount {
+        /// How many there are.
+        given: usize,
+        /// How many there must be.
+        needed: usize,
+    },
+    /// The equations have no solution.
+    #[error(transparent)]
+    Factor(#[from] FactorError),
+}
+
+/// The body without its crack: what never changes as the crack grows.
+#[derive(Debug)]
+pub struct Solid {
+    /// The simulation mesh.
+    pub mesh: TetMesh,
+    /// Finds its tetrahedra.
+    pub locator: TetLocator,
+    /// One material for each tetrahedron.
+    pub materials: Vec<TetMaterial>,
+    /// How it is held.
+    pub supports: Supports,
+    /// Lengths of a growth step.
+    pub lengths: GrowthLengths,
+}
+
+impl Solid {
+    /// What a growth step needs to know.
+    pub fn surroundings(&self) -> Surroundings<'_> {
+        Surroundings {
+            mesh: &self.mesh,
+            locator: &self.locator,
+            lengths: self.lengths,
+        }
+    }
+
+    /// Pieces of fewer nodes are chips, not fragments: cuts that would only crumble one off are not made.
+    pub fn chip_nodes(&self) -> usize {
+        (self.mesh.nodes().len() / 300).max(2)
+    }
+
+    /// What is to be cut ahead of the fronts of a crack that has not grown yet, with the sheet of each.
+    fn leads(&self, crack: &CrackSurface) -> Vec<(usize, Lead)> {
+        let fronts = crack.fronts(&self.mesh, &self.locator, self.lengths.stick());
+        let lead = |front: &Front| {
+            let sheet = &crack.sheets[front.sheet];
+            let (points, advances) = front_frames(sheet, front, self.lengths.h);
+            let around = self.surroundings();
+            let lead = around.lead_ahead(crack, front.sheet, &points, &advances);
+            (front.sheet, lead)
+        };
+        fronts.iter().map(lead).collect()
+    }
+
+    fn check(&self) -> Result<(), BodyError> {
+        let needed = self.mesh.tets().len();
+        if self.materials.len() != needed {
+            return Err(BodyError::MaterialCount {
+                given: self.materials.len(),
+                needed,
+            });
+        }
+        for (tet, m) in self.materials.iter().enumerate() {
+            m.check()
+                .map_err(|source| BodyError::Material { tet, source })?;
+        }
+        Ok(())
+    }
+}
+
+/// A body with its crack, as mechanics sees it: constant between two growths. Growth makes a new one.
+#[derive(Clone, Debug)]
+pub struct CrackedBody {
+    /// The body without its crack.
+    pub solid: Arc<Solid>,
+    /// The explicit crack.
+    pub crack: CrackSurface,
+    /// What it has cut.
+    pub cuts: CutEdges,
+    /// Cells and enrichments.
+    pub topology: Topology,
+    /// The equations with their factor.
+    pub system: Arc<System>,
+    /// The pieces.
+    pub fragments: Fragments,
+}
+
+/// A front with the stations at its vertices.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EvaluatedFront {
+    /// The front.
+    pub front: Front,
+    /// One for each of its vertices.
+    pub stations: Vec<Station>,
+}
+
+impl CrackedBody {
+    /// Cuts the body along the sheets and, by the lead, a little ahead of their fronts.
+    ///
+    /// # Errors
+    /// [`BodyError`] for a material out of range or a body that nothing holds.
+    pub fn new(solid: Arc<Solid>, mut crack: CrackSurface) -> Result<Self, BodyError> {
+        solid.check()?;
+        let leads = solid.leads(&crack);
+        let (mesh, locator) = (&solid.mesh, &solid.locator);
+        let mut cuts = CutEdges::new(mesh);
+        for sheet in &crack.sheets {
+            cuts.seat_nodes(mesh, locator, &sheet.mesh);
+        }
+        for (_, lead) in &leads {
+            lead.seat(&mut cuts, mesh, locator);
+        }
+        for sheet in &crack.sheets {
+            cuts.cut(mesh, locator, &sheet.mesh, solid.chip_nodes());
+        }
+        for (sheet, lead) in leads {
+            lead.cut(&mut cuts, mesh, locator, solid.chip_nodes());
+            crack.sheets[sheet].lead.append(&lead.mesh);
+        }
+        let topology = Topology::new(&solid.mesh, &cuts);
+        let system = System::new(&solid.mesh, &solid.materials, &topology, &solid.supports)?;
+        Ok(Self {
+            fragments: Fragments::find(&solid.mesh, &cuts),
+            system: Arc::new(system),
+            solid,
+            crack,
+            cuts,
+            topology,
+        })
+    }
+
+    /// The crack fronts inside the body.
+    pub fn fronts(&self) -> Vec<Front> {
+        let s = &self.solid;
+        self.crack.fronts(&s.mesh, &s.locator, s.lengths.stick())
+    }
+
+    /// Adds loads to a right-hand side.
+    pub fn add_loads<'a>(&self, loads: impl IntoIterator<Item = &'a CellForce>, rhs: &mut [f64]) {
+        for l in loads {
+            let cell = &self.topology.cells()[l.cell as usize];
+            self.system
+                .add_force(&self.solid.mesh, cell, &l.weights, &l.force, rhs);
+        }
+    }
+
+    /// The same loads on this body, where `old` is an earlier state of it: same place, same side.
+    pub fn carry_loads(&self, old: &Self, loads: &[CellForce]) -> Vec<CellForce> {
+        let carry = |l: &CellForce| {
+            let was = &old.topology.cells()[l.cell as usize];
+            let common = |c: &usize| (self.topology.cells()[*c].mask & was.mask).count_ones();
+            let same = self.topology.cells_of(was.tet).rev().max_by_key(common);
+            CellForce {
+                cell: same.map_or(0, |c| c as u32),
+                ..*l
+            }
+        };
+        loads.iter().map(carry).collect()
+    }
+
+    /// The work f . u of loads with the displacements that they cause: twice the elastic energy \[N mm\].
+    pub fn work(&self, loads: &[CellForce]) -> f64 {
+        let mut x = vec![0.0; self.system.n()];
+        self.add_loads(loads, &mut x);
+        let f = x.clone();
+        self.system.solve(&mut x, &mut self.system.scratch());
+        f.iter().zip(&x).map(|(f, x)| f * x).sum()
+    }
+
+    /// What growing from `before` to this body costs: area \[mm2\] and energy \[N mm\] of the new faces.
+    ///
+    /// The energy is the area in each tetrahedron that touches an edge of `newly_cut` times its toughness across the cut.
+    pub fn cost(&self, before: &Self, newly_cut: &[u32]) -> (f64, f64) {
+        let mesh = &self.solid.mesh;
+        let mut tets: Vec<u32> = newly_cut
+            .iter()
+            .flat_map(|&e| mesh.tets_of_edge(e))
+            .collect();
+        tets.sort_unstable();
+        tets.dedup();
+        let [now, then] = [self, before].map(|b| {
+            let faces = tets.iter().map(|&t| b.faces_in(t));
+            faces.fold((0.0, 0.0), |sum, f| (sum.0 + f.0, sum.1 + f.1))
+        });
+        (now.0 - then.0, now.1 - then.1)
+    }
+
+    /// Area of the crack in one tetrahedron, and that area times the toughness across it.
+    fn faces_in(&self, t: u32) -> (f64, f64) {
+        let cells = &self.topology.cells()[self.topology.cells_of(t)];
+        if cells.len() < 2 {
+            return (0.0, 0.0);
+        }
+        let material = &self.solid.materials[t as usize];
+        cells.iter().fold((0.0, 0.0), |(area, energy), cell| {
+            let vector = cut_area(&self.solid.mesh, &self.cuts, cell).1;
+            let (length, normal) = (vector.norm(), vector.try_normalize(1e-12));
+            let toughness = normal.map_or(0.0, |n| material.toughness(&n));
+            // Each face is seen from both sides.
+            (area + 0.5 * length, energy + 0.5 * length * toughness)
+        })
+    }
+
+    /// G and K at every vertex of every front under `loads`, whose solution is `x`.
+    ///
+    /// `k_from`: see [`evaluate`].
+    pub fn evaluate_fronts(
+        &self,
+        x: &[f64],
+        loads: &[CellForce],
+        k_from: f64,
+    ) -> Vec<EvaluatedFront> {
+        let s = &self.solid;
+        let fields = Fields {
+            mesh: &s.mesh,
+            locator: &s.locator,
+            materials: &s.materials,
+            cuts: &self.cuts,
+            topology: &self.topology,
+            system: &self.system,
+            x,
+            loads,
+        };
+        let fronts = self.fronts();
+        let all = evaluate(&fields, &self.crack, &fronts, s.lengths.h, k_from);
+        let pair = |(front, stations)| EvaluatedFront { front, stations };
+        fronts.into_iter().zip(all).map(pair).collect()
+    }
+
+    /// The crack after its fronts have moved, one vector \[mm\] for each vertex of each front.
+    pub fn advanced(&self, fronts: &[(&Front, &[Vec3])]) -> Growth {
+        let s = &self.solid;
+        let mut growth = Growth {
+            crack: self.crack.clone(),
+            cuts: self.cuts.clone(),
+            newly_cut: Vec::new(),
+        };
+        for (front, moves) in fronts {
+            let strip = grow(&mut growth.crack, front, moves, &s.surroundings());
+            let cut = strip.cut(&mut growth.cuts, &s.mesh, &s.locator, s.chip_nodes());
+            growth.newly_cut.extend(cut);
+        }
+        growth
+    }
+
+    /// The body after a growth of its crack: old unknowns stay, the factor is only appended to.
+    ///
+    /// # Errors
+    /// [`BodyError::Factor`] if the grown crack leaves a part that nothing holds; `self` stays valid.
+    pub fn grown(&self, growth: Growth) -> Result<Self, BodyError> {
+        let s = &self.solid;
+        let Growth {
+            crack,
+            cuts,
+            newly_cut,
+        } = growth;
+        let topology = self.topology.grown(&s.mesh, &cuts, &newly_cut);
+        let system = (self.system).grown(&s.mesh, &s.materials, &topology, &s.supports)?;
+        Ok(Self {
+            solid: self.solid.clone(),
+            fragments: Fragments::find(&s.mesh, &cuts),
+            system: Arc::new(system),
+            crack,
+            cuts,
+            topology,
+        })
+    }
+}
+
+/// A crack that has grown, not yet part of its body's equations.
+#[derive(Clone, Debug)]
+pub struct Growth {
+    /// The grown surface.
+    pub crack: CrackSurface,
+    /// What it has cut.
+    pub cuts: CutEdges,
+    /// The edges cut beyond those of the body it grew in.
+    pub newly_cut: Vec<u32>,
+}
+
+impl Growth {
+    /// Cuts further edges at their middle.
+    pub fn tear(&mut self, mesh: &TetMesh, edges: &[u32]) {
+        self.newly_cut
+            .extend(self.cuts.cut_at_middle(mesh, edges, 1));
+    }
+}
