@@ -1,4 +1,5 @@
-//! The elastic bone without its crack: material, element stiffness, supports, and the sparse factor.
+//! The elastic bone without its crack: material, element stiffness, supports, and the sparse factor
+//! with the border that a crack appends to it.
 mod block_matrix;
 mod bordered;
 mod dense;

@@ -86,8 +86,8 @@ pub fn propagation_step(
         .iter()
         .map(|e| (e, drives(&e.stations, e.front.closed, lengths)))
         .collect();
-    report.strongest = (driven.iter().flat_map(|(_, drives)| drives))
-        .fold(0.0, |most, d| d.ratio.max(most));
+    report.strongest =
+        (driven.iter().flat_map(|(_, drives)| drives)).fold(0.0, |most, d| d.ratio.max(most));
     let mut moving: Vec<(&Front, Vec<Vec3>)> = Vec::new();
     for (EvaluatedFront { front, stations }, drives) in &driven {
         let moves = advances(stations, drives, report.strongest, lengths);
