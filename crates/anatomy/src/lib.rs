@@ -13,8 +13,10 @@ pub mod osteotomy;
 pub mod parametric;
 pub mod patient;
 pub mod point_shell;
+pub mod sheets;
 pub mod stl;
 pub mod surface;
+pub mod vtu;
 
 pub use error::AnatomyError;
 pub use landmarks::{JawFrame, Landmarks, SideLandmarks};

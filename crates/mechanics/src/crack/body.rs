@@ -5,7 +5,7 @@ use super::growth::{GrowthLengths, Surroundings, grow};
 use super::stress_intensity::{CellForce, Fields, Station, evaluate, front_frames};
 use super::surface::{CrackSurface, Front};
 use super::system::System;
-use crate::bone::{FactorError, MaterialError, Supports, TetMaterial};
+use crate::bone::{FactorError, MaterialError, Supports, TetMaterial, free_motion};
 use crate::geometry::{TetLocator, TetMesh, Vec3};
 use std::sync::Arc;
 
@@ -94,7 +94,12 @@ pub struct CrackedBody {
     pub system: Arc<System>,
     /// The pieces.
     pub fragments: Fragments,
+    /// Numbers of the pieces that no support holds; springs of [`LOOSE_SPRING`] keep their equations regular.
+    pub loose: Vec<u32>,
 }
+
+/// Spring to the ground at the nodes of a piece that nothing holds, relative to E h.
+pub const LOOSE_SPRING: f64 = 1e-7;
 
 /// A front with the stations at its vertices.
 #[derive(Clone, Debug, PartialEq)]
@@ -141,9 +146,22 @@ impl CrackedBody {
         cuts: CutEdges,
     ) -> Result<Self, BodyError> {
         let topology = Topology::new(&solid.mesh, &cuts);
-        let system = System::new(&solid.mesh, &solid.materials, &topology, &solid.supports)?;
+        let fragments = Fragments::find(&solid.mesh, &cuts);
+        let (loose, springs) = loose_pieces(&solid, &fragments);
+        let sprung;
+        let supports = if springs.is_empty() {
+            &solid.supports
+        } else {
+            sprung = Supports {
+                springs: [solid.supports.springs.clone(), springs].concat(),
+                ..solid.supports.clone()
+            };
+            &sprung
+        };
+        let system = System::new(&solid.mesh, &solid.materials, &topology, supports)?;
         Ok(Self {
-            fragments: Fragments::find(&solid.mesh, &cuts),
+            fragments,
+            loose,
             system: Arc::new(system),
             solid,
             crack,
@@ -213,4 +231,25 @@ impl CrackedBody {
         let (crack, cuts) = self.grown(fronts);
         Self::from_cuts(self.solid.clone(), crack, cuts)
     }
+}
+
+/// Pieces that nothing holds, and a soft spring for each of their nodes.
+fn loose_pieces(solid: &Solid, fragments: &Fragments) -> (Vec<u32>, Vec<(u32, f64)>) {
+    let (mut loose, mut springs) = (Vec::new(), Vec::new());
+    if solid.supports.ground_spring > 0.0 {
+        return (loose, springs);
+    }
+    let stiffest = solid.materials.iter().map(|m| m.young_modulus);
+    let spring = LOOSE_SPRING * stiffest.fold(0.0, f64::max) * solid.mesh.mean_edge_length();
+    let mut nodes_of = vec![Vec::new(); fragments.volume_share.len()];
+    for (i, &f) in (0u32..).zip(&fragments.of_node) {
+        nodes_of[f as usize].push(i);
+    }
+    for (f, nodes) in (0u32..).zip(&nodes_of) {
+        if free_motion(&solid.mesh, &solid.supports, nodes).is_some() {
+            loose.push(f);
+            springs.extend(nodes.iter().map(|&i| (i, spring)));
+        }
+    }
+    (loose, springs)
 }

@@ -5,8 +5,10 @@ mod cut_edges;
 mod enrichment;
 mod fragments;
 pub mod growth;
+pub mod load_control;
 pub mod stress_intensity;
 mod surface;
+mod surface_load;
 mod system;
 
 pub use body::{BodyError, CrackedBody, EvaluatedFront, Solid};
@@ -14,4 +16,5 @@ pub use cut_edges::CutEdges;
 pub use enrichment::{Cell, STANDARD, Topology};
 pub use fragments::{Fragments, SMALLEST_FRAGMENT, UnionFind, bridging_edges};
 pub use surface::{CrackSurface, Front, LinePoint, Sheet};
+pub use surface_load::{LoadKind, SurfaceLoad};
 pub use system::System;
