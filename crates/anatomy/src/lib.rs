@@ -4,6 +4,7 @@
 //! shell and places the pre-sawn line. Whatever is wrong with a file comes back as one line of [`AnatomyError`]; nothing here
 //! panics on a file. Frame everywhere: mm, LPS (x = patient left, y = posterior, z = superior).
 mod error;
+pub mod focus;
 pub mod landmarks;
 pub mod lattice;
 pub mod materials;
@@ -16,9 +17,11 @@ pub mod point_shell;
 pub mod sheets;
 pub mod stl;
 pub mod surface;
+pub mod teeth;
 pub mod vtu;
 
 pub use error::AnatomyError;
+pub use focus::Focus;
 pub use landmarks::{JawFrame, Landmarks, SideLandmarks};
 pub use materials::{MaterialSpec, Tissue};
 pub use osteotomy::{LinePoint, Osteotomy, OsteotomyPart, PartKind, Side};
@@ -26,3 +29,4 @@ pub use parametric::{Parameters, ParametricMandible};
 pub use patient::{MeshSource, OsteotomySource, Patient, PatientSpec, SurfaceSource};
 pub use point_shell::SurfacePoint;
 pub use surface::ClosedSurface;
+pub use teeth::{Crown, Tooth, ToothKind};

@@ -1,8 +1,9 @@
-//! Cortical and trabecular bone, mixed in each tetrahedron by how much of it lies how deep.
+//! Cortical bone, trabecular bone and teeth, mixed in each tetrahedron by how much of it lies how deep.
 use crate::error::{AnatomyError, in_range};
 use crate::landmarks::JawFrame;
+use crate::teeth::Crown;
 use osteotome_mechanics::bone::TetMaterial;
-use osteotome_mechanics::geometry::{MeshDistance, TetMesh, Vec3};
+use osteotome_mechanics::geometry::{Aabb, MeshDistance, SignedDistance, TetMesh, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +27,8 @@ pub struct MaterialSpec {
     pub cortical: Tissue,
     /// The core.
     pub trabecular: Tissue,
+    /// Teeth, where their crowns reach into the bone's mesh.
+    pub teeth: Tissue,
     /// Thickness of the outer layer \[mm\].
     pub cortical_thickness: f64,
 }
@@ -43,6 +46,12 @@ impl Default for MaterialSpec {
                 poisson_ratio: 0.3,
                 toughness: [0.2, 0.2],
             },
+            // Stiffness as in published finite element studies; toughness as of cortical bone, for want of a figure for whole teeth.
+            teeth: Tissue {
+                young_modulus: 20_000.0,
+                poisson_ratio: 0.3,
+                toughness: [0.5, 2.0],
+            },
             cortical_thickness: 2.2,
         }
     }
@@ -57,6 +66,7 @@ impl MaterialSpec {
         for (name, tissue) in [
             ("cortical", &self.cortical),
             ("trabecular", &self.trabecular),
+            ("teeth", &self.teeth),
         ] {
             let key = |field: &str| format!("material.{name}.{field}");
             in_range(&key("young_modulus"), tissue.young_modulus, 1e-3, 1e7)?;
@@ -80,8 +90,8 @@ impl MaterialSpec {
         )
     }
 
-    /// Materials of all tetrahedra. Every property is the volume-weighted arithmetic mean of the two tissues, the cortical share
-    /// counted at 35 points of the tetrahedron; what the mesh has outside the surface counts as cortical. Osteons follow the
+    /// Materials of all tetrahedra. Every property is the volume-weighted arithmetic mean of the tissues, their shares counted
+    /// at 35 points of the tetrahedron: tooth inside a crown, else by depth; what the mesh has outside the surface counts as cortical. Osteons follow the
     /// jaw's centre line.
     ///
     /// # Errors
@@ -91,14 +101,17 @@ impl MaterialSpec {
         mesh: &TetMesh,
         surface: &MeshDistance,
         frame: &JawFrame,
+        teeth: &[Crown],
     ) -> Result<Vec<TetMaterial>, AnatomyError> {
         self.check()?;
         let samples = samples();
         let material = |t: usize| {
             let corners = mesh.corners(t);
-            let share = self.cortical_share(&corners, surface, &samples);
+            let [cortical, trabecular, tooth] = self.shares(&corners, surface, teeth, &samples);
             let mix = |f: fn(&Tissue) -> f64| {
-                share * f(&self.cortical) + (1.0 - share) * f(&self.trabecular)
+                cortical * f(&self.cortical)
+                    + trabecular * f(&self.trabecular)
+                    + tooth * f(&self.teeth)
             };
             TetMaterial {
                 young_modulus: mix(|m| m.young_modulus),
@@ -114,17 +127,30 @@ impl MaterialSpec {
             .collect())
     }
 
-    fn cortical_share(
+    /// Parts of a tetrahedron that are cortical, trabecular and tooth.
+    fn shares(
         &self,
         corners: &[Vec3; 4],
         surface: &MeshDistance,
+        teeth: &[Crown],
         samples: &[[f64; 4]],
-    ) -> f64 {
-        let is_cortical = |w: &&[f64; 4]| {
+    ) -> [f64; 3] {
+        let around = Aabb::around(corners);
+        let near: Vec<&Crown> = teeth
+            .iter()
+            .filter(|c| c.bounds().overlaps(&around))
+            .collect();
+        let mut count = [0u32; 3];
+        for w in samples {
             let p: Vec3 = (0..4).map(|k| corners[k] * w[k]).sum();
-            surface.signed(&p) > -self.cortical_thickness
-        };
-        samples.iter().filter(is_cortical).count() as f64 / samples.len() as f64
+            let tissue = if near.iter().any(|c| c.signed(&p) < 0.0) {
+                2
+            } else {
+                usize::from(surface.signed(&p) <= -self.cortical_thickness)
+            };
+            count[tissue] += 1;
+        }
+        count.map(|n| f64::from(n) / samples.len() as f64)
     }
 }
 

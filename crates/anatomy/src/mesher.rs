@@ -3,8 +3,10 @@
 //! Lattice points that the surface nearly touches are warped onto it, the lattice tetrahedra inside are kept, those across the
 //! surface are cut. All dihedral angles are bounded by construction, whatever the surface.
 use crate::error::AnatomyError;
+use crate::focus::Focus;
 use crate::landmarks::JawFrame;
 use crate::lattice::Lattice;
+use crate::point_shell::point_shell;
 use osteotome_mechanics::geometry::{
     Aabb, MeshDistance, SignedDistance, TET_FACES, TetMesh, TriMesh, Vec3,
 };
@@ -21,6 +23,17 @@ const MAX_LATTICE: f64 = 40e6;
 
 /// Smallest and largest node count that may be asked for.
 pub const NODE_RANGE: [usize; 2] = [100, 200_000];
+
+/// Smallest and largest ratio of coarsest to finest spacing that may be asked for.
+pub const RATIO_RANGE: [f64; 2] = [1.0, 6.0];
+/// Points of the surface by which a focus is chosen.
+const FOCUS_POINTS: usize = 2_000;
+/// Even meshes of so many nodes keep all parts of a mandible; a graded mesh is nowhere coarser.
+const SAFE_NODES: f64 = 400.0;
+/// Steps in which a ratio that asks too much is lowered.
+const RATIO_STEP: f64 = 0.25;
+/// Between those points the surface may reach this much further out \[mm\].
+const POINT_GAP: f64 = 5.0;
 
 /// How a mesh is to be made.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -109,10 +122,15 @@ fn stuff_graded(
     grading: &Grading,
 ) -> Result<Tets, AnatomyError> {
     let lenses = &grading.lenses;
+    let focus = grading.focus.as_ref();
+    let scale = |p: &Vec3| focus.map_or(1.0, |f| f.scale(p));
     let grown = lenses.iter().map(Lens::growth).fold(0.0, f64::max);
-    let bounds = region
-        .bounds()
-        .grown(how.shift.max(0.0) + swelling.most() + grown);
+    let coarsest = focus.map_or(1.0, |f| f.scales()[1]);
+    let margin = how.shift.max(0.0) * coarsest.powi(2) + swelling.most() + grown;
+    let bounds = match focus {
+        Some(focus) => focus.bounds(margin + POINT_GAP),
+        None => region.bounds().grown(margin),
+    };
     let middle = bounds.centre();
     let half = (bounds.extent() * 0.5).component_div(&grading.grain);
     let bounds = Aabb {
@@ -128,14 +146,16 @@ fn stuff_graded(
         return Err(AnatomyError::Mesher { reason });
     }
     let lattice = Lattice::around(&bounds, how.spacing, &how.offset);
-    // The lattice is regular in its own space; grain and lenses map that into the body's.
+    // The lattice is regular in its own space; grain, focus and lenses map that into the body's.
     let place = |u: &Vec3| {
         let stretched = middle + (u - middle).component_mul(&grading.grain);
-        lenses.iter().fold(stretched, |p, lens| lens.look(&p))
+        let graded = focus.map_or(stretched, |f| f.to_body(&stretched));
+        lenses.iter().fold(graded, |p, lens| lens.look(&p))
     };
     let value = |u: &Vec3| {
         let p = place(u);
-        region.signed(&p) - how.shift - swelling.at(&p)
+        // What chords cut off grows with the square of their length.
+        region.signed(&p) - how.shift * scale(&p).powi(2) - swelling.at(&p)
     };
     let mut stuffed = Stuffer::new(&lattice, &value).tets();
     stuffed.nodes.iter_mut().for_each(|p| *p = place(p));
@@ -192,13 +212,15 @@ impl Lens {
     }
 }
 
-/// How a coarse mesh differs from a regular one.
+/// How a mesh differs from a regular one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grading {
     /// Spacing along each axis, relative to that asked for; finer across a plate keeps the plate whole.
     pub grain: Vec3,
     /// Where the mesh is finer; apart from each other.
     pub lenses: Vec<Lens>,
+    /// A place about which all of it is graded.
+    pub focus: Option<Focus>,
 }
 
 impl Grading {
@@ -206,13 +228,34 @@ impl Grading {
     pub const EVEN: Self = Self {
         grain: Vec3::new(1.0, 1.0, 1.0),
         lenses: Vec::new(),
+        focus: None,
     };
+
+    /// Spacing at a place, relative to that asked for; lenses left out.
+    fn scale(&self, p: &Vec3) -> f64 {
+        self.focus.as_ref().map_or(1.0, |f| f.scale(p))
+    }
+
+    /// What of it is needed with a spacing: grain and lenses only where the mesh is coarse.
+    fn with_spacing(&self, spacing: f64) -> Self {
+        let is_coarse = |lens: &&Lens| spacing * self.scale(&lens.centre) > COARSE;
+        let lenses: Vec<Lens> = self.lenses.iter().filter(is_coarse).copied().collect();
+        let coarse = match &self.focus {
+            Some(_) => !lenses.is_empty(),
+            None => spacing > COARSE,
+        };
+        Self {
+            grain: if coarse { self.grain } else { Self::EVEN.grain },
+            lenses,
+            focus: self.focus.clone(),
+        }
+    }
 }
 
 /// A body to be meshed, with what its mesh is held against.
 #[derive(Clone)]
 pub struct Body<'a> {
-    /// Where it is.
+    /// Where it is; the true distance, or a smaller one.
     pub distance: &'a dyn SignedDistance,
     /// Its volume \[mm3\].
     pub volume: f64,
@@ -220,7 +263,7 @@ pub struct Body<'a> {
     pub genus: i64,
     /// Points all over its surface, that the mesh should come near; may be empty.
     pub outposts: Vec<Vec3>,
-    /// Applied when the mesh is coarse, with spacings above 4.5 mm.
+    /// Grain and lenses are applied where the mesh is coarse, with spacings above 4.5 mm.
     pub grading: Grading,
 }
 
@@ -258,9 +301,40 @@ impl<'a> Body<'a> {
             grading: Grading {
                 grain: Vec3::new(0.75, 1.15, 1.15),
                 lenses: sides.map(|(c, g)| lens(c, g)).collect(),
+                focus: None,
             },
             ..Self::of(surface)
         }
+    }
+
+    /// The same body, to be meshed with `target` nodes and finer about `place`: coarsest spacing over that at the place is `ratio`,
+    /// 1 to 6, or less where a part far from it would be meshed coarser than an even mesh of 600 nodes is.
+    ///
+    /// # Errors
+    /// [`AnatomyError::OutOfRange`] for another ratio.
+    pub fn graded(
+        mut self,
+        surface: &TriMesh,
+        place: &[Vec3],
+        ratio: f64,
+        target: usize,
+    ) -> Result<Self, AnatomyError> {
+        let [least, most] = RATIO_RANGE;
+        crate::error::in_range("mesh.grading", ratio, least, most)?;
+        let shell = point_shell(surface, FOCUS_POINTS)?;
+        let points: Vec<Vec3> = shell.iter().map(|p| p.position).collect();
+        // How much coarser than an even mesh of as many nodes the coarsest part may be.
+        let room = (target as f64 / SAFE_NODES).cbrt();
+        let mut ratio = ratio;
+        while ratio > 1.0 + RATIO_STEP {
+            let focus = Focus::on(place, &points, ratio);
+            if let Some(focus) = focus.filter(|f| f.coarsest(&points) <= room) {
+                self.grading.focus = Some(focus);
+                break;
+            }
+            ratio -= RATIO_STEP;
+        }
+        Ok(self)
     }
 }
 
@@ -282,6 +356,11 @@ pub fn mesh_to_nodes(
 ) -> Result<Meshed, AnatomyError> {
     let [least, most] = NODE_RANGE;
     crate::error::in_range("mesh.nodes", target as f64, least as f64, most as f64)?;
+    let sketched = Sketched::new(body.distance);
+    let body = &Body {
+        distance: &sketched,
+        ..body.clone()
+    };
     let mut best: Option<Trial> = None;
     let mut how = Stuffing {
         // Two nodes a cell inside, and about as many again on the surface of thin bodies.
@@ -321,6 +400,72 @@ pub fn mesh_to_nodes(
         farthest: best.farthest,
         swollen: best.swollen,
     })
+}
+
+/// A signed distance that is exact within [`Sketched::EXACT`] of the surface; further out it may be too small, but is quick: most of
+/// a lattice about a mandible lies there.
+struct Sketched<'a> {
+    exact: &'a dyn SignedDistance,
+    bounds: Aabb,
+    size: [usize; 3],
+    values: Vec<f64>,
+}
+
+impl<'a> Sketched<'a> {
+    /// More than any edge that the surface crosses is long \[mm\].
+    const EXACT: f64 = 10.0;
+    /// Of the grid of distances \[mm\].
+    const CELL: f64 = 4.0;
+
+    fn new(exact: &'a dyn SignedDistance) -> Self {
+        let bounds = exact.bounds().grown(Self::CELL);
+        let size = [0, 1, 2].map(|k| (bounds.extent()[k] / Self::CELL) as usize + 1);
+        let at = |i: usize| {
+            let cell = [i % size[0], i / size[0] % size[1], i / (size[0] * size[1])];
+            bounds.min + Vec3::from(cell.map(|c| c as f64 * Self::CELL))
+        };
+        // A body much larger than any jaw is not sketched.
+        let n = size.iter().product::<usize>();
+        let n = if n < 1_000_000 { n } else { 0 };
+        Self {
+            exact,
+            bounds,
+            size,
+            values: (0..n)
+                .into_par_iter()
+                .map(|i| exact.signed(&at(i)))
+                .collect(),
+        }
+    }
+
+    /// What the distance is at least, in magnitude, with its sign.
+    fn estimate(&self, p: &Vec3) -> Option<f64> {
+        let outside = (self.bounds.min - p)
+            .sup(&(p - self.bounds.max))
+            .sup(&Vec3::zeros());
+        if outside != Vec3::zeros() {
+            return Some(outside.norm());
+        }
+        let q = (p - self.bounds.min) / Self::CELL;
+        let cell = [0, 1, 2].map(|k| (q[k].round() as usize).min(self.size[k] - 1));
+        let index = (cell[2] * self.size[1] + cell[1]) * self.size[0] + cell[0];
+        let value = self.values.get(index)?;
+        let off = (q - Vec3::from(cell.map(|c| c as f64))).norm() * Self::CELL;
+        Some(value.signum() * (value.abs() - off).max(0.0))
+    }
+}
+
+impl SignedDistance for Sketched<'_> {
+    fn signed(&self, p: &Vec3) -> f64 {
+        match self.estimate(p) {
+            Some(distance) if distance.abs() > Self::EXACT => distance,
+            _ => self.exact.signed(p),
+        }
+    }
+
+    fn bounds(&self) -> Aabb {
+        self.exact.bounds()
+    }
 }
 
 /// A mesh, how it was made, and its faults in units of what is good enough.
@@ -387,11 +532,13 @@ impl Swelling {
             .sum()
     }
 
-    /// Raises the field by `step` about some places, falling to nothing at distance `reach`; never above `limit`.
-    fn raise(&mut self, places: &[Vec3], step: f64, reach: f64, limit: f64) {
-        let mut raise = vec![0.0f64; self.values.len()];
-        let n = (reach / self.cell).ceil() as i64;
-        for p in places {
+    /// Raises the field about some places, each with the spacing of the lattice there; see [`SWELLING`].
+    fn raise(&mut self, places: &[(Vec3, f64)]) {
+        // By how much, and up to where.
+        let mut raise = vec![[0.0f64; 2]; self.values.len()];
+        for (p, spacing) in places {
+            let [step, limit, reach] = SWELLING.map(|x| x * spacing);
+            let n = (reach / self.cell).ceil() as i64;
             let q = (p - self.low) / self.cell;
             let nearest = q.map(|c| c.round() as i64);
             for (dx, dy, dz) in cube(n) {
@@ -402,11 +549,12 @@ impl Swelling {
                 let at = Vec3::from(cell.map(|c| c as f64));
                 let fall = 1.0 - (at - q).norm() * self.cell / reach;
                 let slot = &mut raise[self.index(cell.map(|c| c as usize))];
-                *slot = slot.max(step * (1.5 * fall).clamp(0.0, 1.0));
+                let more = step * (1.5 * fall).clamp(0.0, 1.0);
+                *slot = [slot[0].max(more), slot[1].max(limit)];
             }
         }
-        for (value, more) in self.values.iter_mut().zip(raise) {
-            *value = (*value + more).min(limit);
+        for (value, [more, limit]) in self.values.iter_mut().zip(raise) {
+            *value = (*value + more).min(limit.max(*value));
         }
     }
 }
@@ -421,6 +569,10 @@ const MAX_OUTPOSTS: usize = 4_000;
 const GOOD_REACH: [f64; 2] = [0.5, 3.0];
 /// Spacings above this make a mesh coarse \[mm\]: the rami are 7 to 9 mm thick.
 const COARSE: f64 = 4.5;
+/// The first of these for a graded mesh, whose coarse parts are far from what matters: tips of coronoids may be blunted more.
+const GRADED_REACH: f64 = 0.75;
+/// What counts as a gain when a graded mesh is fitted: less than this part of the least cost so far.
+const GAIN: f64 = 0.95;
 /// A lattice position is given up after so many iterations without gain.
 const PATIENCE: u32 = 5;
 /// Smallest dihedral angle of a good mesh \[degrees\]; below 8 is refused by those who use it.
@@ -452,48 +604,55 @@ fn misfit(tets: &Tets, body: &Body, target: usize) -> f64 {
 fn fit(body: &Body, target: usize, mut how: Stuffing) -> Result<Trial, AnatomyError> {
     let mut best: Option<Trial> = None;
     let mut swelling = Swelling::new(&body.distance.bounds(), 0.4 * how.spacing);
-    let grading = if how.spacing > COARSE {
-        &body.grading
+    let grading = body.grading.with_spacing(how.spacing);
+    let is_graded = grading.focus.is_some();
+    let blunt = if is_graded {
+        GRADED_REACH
     } else {
-        &Grading::EVEN
+        GOOD_REACH[0]
     };
     let mut since_best = 0;
     for round in 0..MAX_FITS {
-        let tets = stuff_graded(body.distance, &how, &swelling, grading)?;
+        let tets = stuff_graded(body.distance, &how, &swelling, &grading)?;
         let used = how;
         let nodes = tets.nodes.len() as f64 / target as f64;
         let missing = body.volume - tets.volume();
-        let area = surface_area(&tets);
+        let area = shifted_area(&tets, &grading);
         let boundary = tets.boundary();
         let handles = (genus(&boundary) - body.genus).abs() as f64;
         // Grain and lenses take some of the lattice's own angles.
         let flat = f64::from(u8::from(smallest_dihedral(&tets) < GOOD_DIHEDRAL));
         let left_out = distances(&tets, boundary, &body.outposts);
         let farthest = left_out.iter().copied().fold(0.0, f64::max);
-        let good = (GOOD_REACH[0] * how.spacing).max(GOOD_REACH[1]);
+        let spacing = |p: &Vec3| how.spacing * grading.scale(p);
+        let good = |p: &Vec3| (blunt * spacing(p)).max(GOOD_REACH[1]);
+        let outposts = || body.outposts.iter().zip(&left_out);
+        let reach = outposts().map(|(p, d)| d / good(p)).fold(0.0, f64::max);
         let trial = Trial {
-            cost: 3.0 * handles + flat + (farthest / good).max(misfit(&tets, body, target)),
+            cost: 3.0 * handles + flat + reach.max(misfit(&tets, body, target)),
             tets,
             how: used,
             farthest,
             swollen: swelling.most(),
         };
         since_best += 1;
-        if best.as_ref().is_none_or(|b| trial.cost < b.cost) {
-            best = Some(trial);
+        let least = best.as_ref().map_or(f64::INFINITY, |b| b.cost);
+        if trial.cost < GAIN * least || (trial.cost < least && !is_graded) {
             since_best = 0;
+        }
+        if trial.cost < least {
+            best = Some(trial);
         }
         if since_best > PATIENCE || best.as_ref().is_some_and(|b| b.cost < 1.0) {
             break;
         }
         // Only next to what is meshed, so that a lost part grows back from its stump instead of swelling as a whole.
-        let front = body.outposts.iter().zip(&left_out);
-        let front: Vec<Vec3> = front
-            .filter(|(_, d)| (0.9 * good..good + 0.7 * how.spacing).contains(*d))
-            .map(|(p, _)| *p)
+        let is_front = |p: &Vec3, d: f64| (0.9 * good(p)..good(p) + 0.7 * spacing(p)).contains(&d);
+        let front: Vec<(Vec3, f64)> = outposts()
+            .filter(|(p, d)| is_front(p, **d))
+            .map(|(p, _)| (*p, spacing(p)))
             .collect();
-        let [step, most, reach] = SWELLING.map(|x| x * how.spacing);
-        swelling.raise(&front, step, reach, most);
+        swelling.raise(&front);
         // Thin bodies gain nodes with about the power 2.6 of the resolution; less and less is made of it, lest it go to and fro.
         let power = 1.0 / (2.6 + 0.3 * f64::from(round));
         how.spacing *= nodes.powf(power).clamp(0.8, 1.25);
@@ -504,12 +663,13 @@ fn fit(body: &Body, target: usize, mut how: Stuffing) -> Result<Trial, AnatomyEr
     })
 }
 
-fn surface_area(tets: &Tets) -> f64 {
+/// Volume that a shift of 1 mm adds \[mm2\]: the surface's area, counted more where the mesh is coarse and the shift larger.
+fn shifted_area(tets: &Tets, grading: &Grading) -> f64 {
     tets.boundary()
         .iter()
         .map(|f| {
             let [a, b, c] = f.map(|n| tets.nodes[n as usize]);
-            0.5 * (b - a).cross(&(c - a)).norm()
+            0.5 * (b - a).cross(&(c - a)).norm() * grading.scale(&a).powi(2)
         })
         .sum()
 }
@@ -889,7 +1049,8 @@ fn smallest_dihedral(tets: &Tets) -> f64 {
         .fold(180.0, f64::min)
 }
 
-fn dihedrals(x: &[Vec3; 4]) -> [f64; 2] {
+/// Smallest and largest dihedral angle of a tetrahedron \[degrees\].
+pub fn dihedrals(x: &[Vec3; 4]) -> [f64; 2] {
     let normals = TET_FACES.map(|f| (x[f[1]] - x[f[0]]).cross(&(x[f[2]] - x[f[0]])));
     let mut range = [180.0f64, 0.0];
     for i in 0..4 {

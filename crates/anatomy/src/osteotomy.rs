@@ -280,6 +280,14 @@ impl Osteotomy {
         }
     }
 
+    /// Points of the line and where the saw's tip went: the place about which the bone splits first \[mm\].
+    pub fn place(&self) -> Vec<Vec3> {
+        let points = self.parts.iter().flat_map(|part| &part.points);
+        points
+            .flat_map(|p| [p.at, p.at + p.toward * p.depth])
+            .collect()
+    }
+
     /// The part of one kind.
     pub fn part(&self, kind: &PartKind) -> Option<&OsteotomyPart> {
         self.parts.iter().find(|p| p.kind == *kind)
@@ -524,6 +532,7 @@ mod tests {
     use super::*;
     use crate::mesher::contour;
     use crate::parametric::{Parameters, ParametricMandible};
+    use osteotome_mechanics::geometry::SignedDistance;
 
     fn mandible(parameters: Parameters) -> (MeshDistance, Landmarks) {
         let mandible = ParametricMandible::new(parameters).unwrap();
@@ -553,6 +562,8 @@ mod tests {
         ];
         for parameters in jaws {
             let (surface, landmarks) = mandible(parameters);
+            let jaw = ParametricMandible::new(parameters).unwrap();
+            let teeth = jaw.teeth();
             for side in [Side::Right, Side::Left] {
                 let line = Osteotomy::dal_pont(&landmarks, side, 0.8, &surface).unwrap();
                 let names: Vec<_> = line.parts.iter().map(|p| p.kind.name()).collect();
@@ -563,6 +574,12 @@ mod tests {
                 };
                 // In the real line the gaps are 3.2 and 2.1 mm.
                 let gaps = [gap(0, 1), gap(1, 2)];
+                // Nowhere over a tooth; the real line passes the second molar at about 2 mm.
+                for p in line.parts.iter().flat_map(|part| &part.points) {
+                    let free = teeth.iter().map(|c| c.signed(&p.at));
+                    let free = free.fold(f64::INFINITY, f64::min);
+                    assert!(free > 0.5, "{free} from a crown, {parameters:?}");
+                }
                 assert!(gaps[0] < 5.0 && gaps[1] < 2.5, "{gaps:?} {parameters:?}");
                 for part in &line.parts {
                     assert!(

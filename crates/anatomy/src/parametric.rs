@@ -5,6 +5,7 @@
 //! 120, bigonial about 98, body 28-32 high and 11-14 broad). The shape between them is invented and must be shown as such.
 use crate::error::{AnatomyError, in_range};
 use crate::landmarks::{Landmarks, SideLandmarks, cast};
+use crate::teeth::{Crown, ToothKind};
 use osteotome_mechanics::geometry::{Aabb, MeshDistance, SignedDistance, Vec3};
 use serde::{Deserialize, Serialize};
 
@@ -70,6 +71,10 @@ const RAMUS_LEAN: f64 = 10.8;
 const MEAN_GONIAL_ANGLE: f64 = 124.8;
 /// Condyle: half axes across, along and up \[mm\].
 const CONDYLE: Vec3 = Vec3::new(9.5, 4.5, 4.8);
+/// From the chin to the gonion along y \[mm\].
+const BODY_LENGTH: f64 = 62.0;
+/// Height of the alveolar process \[mm\].
+const ALVEOLAR_HEIGHT: f64 = 15.0;
 /// Radius of the smooth unions \[mm\].
 const BLEND: f64 = 4.0;
 /// Vertices of the arch and of the ramus outline.
@@ -88,8 +93,12 @@ pub struct ParametricMandible {
     outline: Vec<[f64; 2]>,
     /// Right half of the body's centre line in (x, y), from the midline back, with height of lower and upper border and half breadth.
     arch: Vec<ArchPoint>,
+    /// The same of the alveolar process, which carries the teeth and runs nearer to the tongue than the body does.
+    alveolar: Vec<ArchPoint>,
     /// Inclination of the lower border against the horizontal, as a slope.
     slope: f64,
+    /// Both sides' crowns, right first, from the midline back.
+    teeth: Vec<Crown>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -98,6 +107,8 @@ struct ArchPoint {
     bottom: f64,
     top: f64,
     half_breadth: f64,
+    /// How much narrower it is at the lower border than half way up, relatively.
+    narrow: f64,
 }
 
 impl ParametricMandible {
@@ -126,10 +137,19 @@ impl ParametricMandible {
             up,
             outline,
             arch: Vec::new(),
+            alveolar: Vec::new(),
             slope,
+            teeth: Vec::new(),
         };
         mandible.arch = mandible.make_arch();
+        mandible.alveolar = mandible.make_alveolar();
+        mandible.teeth = mandible.make_teeth();
         Ok(mandible)
+    }
+
+    /// Crowns of both sides, right first, from the midline back; not part of this field, which is the bone's.
+    pub fn teeth(&self) -> &[Crown] {
+        &self.teeth
     }
 
     /// The numbers it was made from.
@@ -137,11 +157,17 @@ impl ParametricMandible {
         &self.parameters
     }
 
+    /// Signed distance of bone and crowns together, for pictures and contact \[mm\].
+    pub fn signed_with_teeth(&self, p: &Vec3) -> f64 {
+        let crowns = self.teeth.iter().map(|c| c.signed(p));
+        crowns.fold(self.signed(p), f64::min)
+    }
+
     fn make_arch(&self) -> Vec<ArchPoint> {
         let p = &self.parameters;
         let g = self.gonion;
         // From the chin's midline along the teeth into the ramus.
-        let length = 62.0;
+        let length = BODY_LENGTH;
         let control = [
             [0.0, g.y - length],
             [0.47 * g.x, g.y - length],
@@ -159,19 +185,116 @@ impl ParametricMandible {
                     + self.slope * length * (back - 0.10 * (1.0 - back).powi(4))
                     + 1.0
                     + 3.0 * smoothstep(0.55, 0.85, back);
-                // From the chin's height to that of the ramus' foot, which the chin's height moves a little.
-                let chin_crest = chin + p.body_height;
-                let foot = g.z + 11.0 + 0.6 * (p.body_height - 30.0);
-                let crest = chin_crest + (foot - chin_crest) * back / 0.4;
+                let crest = self.crest(back);
                 let taper = 1.0 - 0.35 * smoothstep(0.55, 0.95, back);
                 ArchPoint {
                     at,
                     bottom,
                     top: bottom + (crest - bottom).max(12.0),
                     half_breadth: 0.5 * p.body_breadth * taper,
+                    // The chin is thicker than the bone about the incisors' roots, behind it is the other way round.
+                    narrow: 0.12 - 0.34 * (1.0 - smoothstep(0.0, 0.25, back)),
                 }
             })
             .collect()
+    }
+
+    /// Height of the upper border, `back` of the way from chin to gonion: from the chin's height to that of the ramus' foot,
+    /// which the chin's height moves a little.
+    fn crest(&self, back: f64) -> f64 {
+        let chin = self.gonion.z - self.slope * BODY_LENGTH + self.parameters.body_height;
+        let foot = self.gonion.z + 11.0 + 0.6 * (self.parameters.body_height - 30.0);
+        chin + (foot - chin) * back / 0.4
+    }
+
+    /// Right half of the dental arch, from the midline to behind the second molar.
+    fn make_alveolar(&self) -> Vec<ArchPoint> {
+        let g = self.gonion;
+        let front = g.y - BODY_LENGTH;
+        let control = [[0.0, 0.0], [0.40, 0.0], [0.60, 0.22], [0.78, 0.74]]
+            .map(|[across, back]| [across * g.x, front + back * BODY_LENGTH]);
+        let mut points: Vec<ArchPoint> = Vec::new();
+        let (mut along, end) = (0.0, row_length());
+        for i in 0..=N_ARCH {
+            let t = i as f64 / N_ARCH as f64;
+            let at = [0, 1].map(|k| bezier(&control.map(|c| c[k]), t));
+            if let Some(last) = points.last() {
+                along += (at[0] - last.at[0]).hypot(at[1] - last.at[1]);
+            }
+            let top = self.crest((at[1] - front) / BODY_LENGTH);
+            points.push(ArchPoint {
+                at,
+                bottom: top - ALVEOLAR_HEIGHT * (1.0 - 0.4 * smoothstep(0.7 * end, end, along)),
+                top,
+                // Under the molars broader, behind them fading into the ramus.
+                half_breadth: 3.4 + 1.2 * smoothstep(0.4 * end, 0.7 * end, along)
+                    - 2.2 * smoothstep(0.85 * end, 1.05 * end, along),
+                narrow: 0.0,
+            });
+            if along > end {
+                break;
+            }
+        }
+        points
+    }
+
+    /// Seats the crowns on the bone's crest, one beside the other along the dental arch.
+    fn make_teeth(&self) -> Vec<Crown> {
+        let mut along = 0.0;
+        let left: Vec<Crown> = ToothKind::ROW
+            .iter()
+            .map(|&kind| {
+                let width = kind.mean_size().mesiodistal;
+                along += width;
+                self.seat(kind, along - 0.5 * width)
+            })
+            .collect();
+        let right = left.iter().map(Crown::mirrored);
+        right.chain(left.iter().cloned()).collect()
+    }
+
+    fn seat(&self, kind: ToothKind, along: f64) -> Crown {
+        let (at, ahead) = (self.on_arch(along), self.on_arch(along + 0.5));
+        let tangent = (ahead - at).normalize();
+        let outward = tangent.cross(&Vec3::z()).normalize();
+        let (sin, cos) = lean(kind).to_radians().sin_cos();
+        let upright = outward.cross(&tangent);
+        let scale = self.parameters.scale;
+        Crown {
+            kind,
+            is_left: true,
+            neck: at * scale,
+            axes: [
+                tangent,
+                outward * cos - upright * sin,
+                upright * cos + outward * sin,
+            ],
+            scale,
+        }
+    }
+
+    /// On the bone's crest, `along` the left dental arch from the midline \[mm at scale 1\].
+    fn on_arch(&self, along: f64) -> Vec3 {
+        let mut left = along;
+        let mut at = self.alveolar[0];
+        for pair in self.alveolar.windows(2) {
+            let (a, b) = (&pair[0], &pair[1]);
+            let length = (b.at[0] - a.at[0]).hypot(b.at[1] - a.at[1]);
+            let s = left / length;
+            let mix = |f: fn(&ArchPoint) -> f64| f(a) * (1.0 - s) + f(b) * s;
+            at.at = [mix(|q| q.at[0]), mix(|q| q.at[1])];
+            at.top = mix(|q| q.top);
+            if s <= 1.0 {
+                break;
+            }
+            left -= length;
+        }
+        // Where unions are filleted the bone stands a little higher than its parts: down onto it.
+        let mut p = Vec3::new(at.at[0], at.at[1], at.top + BLEND);
+        for _ in 0..40 {
+            p.z -= 0.7 * self.field(&p);
+        }
+        p
     }
 
     fn ramus_frame(&self, y: f64, z: f64) -> [f64; 2] {
@@ -196,10 +319,11 @@ impl ParametricMandible {
         self.gonion.x + 5.5 * (v / 51.5).clamp(-0.5, 1.2) - 0.021 * turn
     }
 
-    fn body(&self, x: f64, p: &Vec3) -> f64 {
+    /// A bone along an arch.
+    fn strip(arch: &[ArchPoint], x: f64, p: &Vec3) -> f64 {
         let here = [x, p.y];
         let mut best = (f64::INFINITY, 0, 0.0);
-        for (i, pair) in self.arch.windows(2).enumerate() {
+        for (i, pair) in arch.windows(2).enumerate() {
             let (a, b) = (pair[0].at, pair[1].at);
             let (e, d) = ([b[0] - a[0], b[1] - a[1]], [here[0] - a[0], here[1] - a[1]]);
             let s = ((d[0] * e[0] + d[1] * e[1]) / (e[0] * e[0] + e[1] * e[1])).clamp(0.0, 1.0);
@@ -209,14 +333,13 @@ impl ParametricMandible {
             }
         }
         let (across, i, s) = best;
-        let (a, b) = (&self.arch[i], &self.arch[i + 1]);
+        let (a, b) = (&arch[i], &arch[i + 1]);
         let mix = |f: fn(&ArchPoint) -> f64| f(a) * (1.0 - s) + f(b) * s;
         let (bottom, top) = (mix(|q| q.bottom), mix(|q| q.top));
         let (half_height, middle) = (0.5 * (top - bottom), 0.5 * (top + bottom));
         let half_breadth = mix(|q| q.half_breadth);
-        // Narrower towards the lower border, as in life behind the chin.
         let low = ((middle - p.z) / half_height).clamp(-1.0, 1.0);
-        let half_breadth = half_breadth * (1.0 - 0.12 * low);
+        let half_breadth = half_breadth * (1.0 - mix(|q| q.narrow) * low);
         let round = (0.8 * half_breadth).min(0.8 * half_height);
         rounded(
             across - half_breadth,
@@ -251,7 +374,10 @@ impl ParametricMandible {
 
     fn field(&self, p: &Vec3) -> f64 {
         let x = p.x.abs();
-        let bone = smooth_union(self.body(x, p), self.ramus(x, p), BLEND);
+        let body = Self::strip(&self.arch, x, p);
+        let alveolar = Self::strip(&self.alveolar, x, p);
+        let body = smooth_union(body, alveolar, BLEND);
+        let bone = smooth_union(body, self.ramus(x, p), BLEND);
         smooth_union(bone, self.condyle(x, p), BLEND)
     }
 
@@ -322,7 +448,7 @@ impl ParametricMandible {
             .iter()
             .min_by(|a, b| (a.at[1] - y).abs().total_cmp(&(b.at[1] - y).abs()));
         let at = nearest.copied().unwrap_or(self.arch[0]);
-        Vec3::new(at.at[0] + 0.5 * at.half_breadth, at.at[1], at.top)
+        Vec3::new(at.at[0] + 0.9 * at.half_breadth, at.at[1], at.top - 1.5)
     }
 
     /// Front of the ramus from above the lingula down to the second molar, before it is brought onto the surface.
@@ -393,6 +519,17 @@ impl Scaled for Aabb {
             max: self.max * factor,
         }
     }
+}
+
+/// Length of one side's row of teeth \[mm at scale 1\].
+fn row_length() -> f64 {
+    let widths = ToothKind::ROW.map(|kind| kind.mean_size().mesiodistal);
+    widths.iter().sum()
+}
+
+/// How far a crown leans towards lip or cheek \[degrees\]: incisors out, molars towards the tongue; invented.
+fn lean(kind: ToothKind) -> f64 {
+    [6.0, 6.0, 4.0, 0.0, -5.0, -10.0, -12.0][kind as usize]
 }
 
 /// Centre of the condyle in the ramus frame (w, v).
@@ -607,12 +744,42 @@ mod tests {
             let body = crate::mesher::Body::of(&surface);
             assert_eq!(body.genus, 0, "{parameters:?}");
             assert!(surface.mesh().bounds().min.x > mandible.bounds().min.x);
+            check_teeth(&mandible, parameters);
             let marks = mandible.landmarks(&surface).unwrap();
             let (r, l) = (marks.right.lingula, marks.left.lingula);
             assert!(
                 (r - Vec3::new(-l.x, l.y, l.z)).norm() < 0.3,
                 "{parameters:?}"
             );
+        }
+    }
+
+    /// Seated on the bone, held by it, out of it, side by side, alike on both sides.
+    fn check_teeth(mandible: &ParametricMandible, parameters: Parameters) {
+        let (teeth, scale) = (mandible.teeth(), parameters.scale);
+        assert_eq!(teeth.len(), 14);
+        for (right, left) in teeth[..7].iter().zip(&teeth[7..]) {
+            assert_eq!(right.kind.fdi(false) - left.kind.fdi(true), 10);
+            let mirror = Vec3::new(-left.neck.x, left.neck.y, left.neck.z);
+            assert!((right.neck - mirror).norm() < 1e-12);
+        }
+        for (i, crown) in teeth.iter().enumerate() {
+            let top = crown.neck + crown.axes[2] * (crown.kind.mean_size().height * scale);
+            let heights = [crown.anchor(), crown.neck, top].map(|p| mandible.signed(&p));
+            let name = format!("{:?} {parameters:?} {heights:?}", crown.kind);
+            assert!(heights[0] < -1.5 * scale, "{name}");
+            assert!(heights[1].abs() < 0.3 * scale, "{name}");
+            assert!(heights[2] > 4.0 * scale, "{name}");
+            assert!(mandible.signed_with_teeth(&(crown.neck + crown.axes[2])) < 0.0);
+            // Between neighbours of one side, and at the midline, at most a touch.
+            let next = match i {
+                0 => &teeth[7],
+                6 | 13 => continue,
+                _ => &teeth[i + 1],
+            };
+            let contact = crown.neck * 0.5 + next.neck * 0.5 + crown.axes[2] * (5.0 * scale);
+            let gap = crown.signed(&contact) + next.signed(&contact);
+            assert!((-0.8..2.0).contains(&(gap / scale)), "gap {gap} {name}");
         }
     }
 

@@ -6,9 +6,10 @@ use crate::mesher::{self, Body};
 use crate::msh::read_msh;
 use crate::osteotomy::{DEFAULT_KERF, Osteotomy, PointSpec, Side, read_osteotomy};
 use crate::parametric::{Parameters, ParametricMandible};
-use crate::point_shell::{SurfacePoint, point_shell};
+use crate::point_shell::{SurfacePoint, point_shell, toothed_point_shell};
 use crate::stl::read_stl;
 use crate::surface::ClosedSurface;
+use crate::teeth::{Crown, Tooth};
 use osteotome_mechanics::bone::TetMaterial;
 use osteotome_mechanics::geometry::{MeshDistance, TetMesh, TriMesh, Vec3};
 use std::path::PathBuf;
@@ -24,11 +25,14 @@ pub struct Patient {
     pub notes: Vec<String>,
     /// The bone's surface, closed and outward \[mm, LPS\].
     pub surface: TriMesh,
+    /// Crowns of the teeth, where they are known. The bone carries them; they are no part of `surface` or `mesh`: at 600 nodes a
+    /// crown is about as wide as a tetrahedron, and a mesh that followed them would be a worse one of the bone.
+    pub teeth: Vec<Tooth>,
     /// The bone's tetrahedra.
     pub mesh: TetMesh,
     /// By tetrahedron.
     pub materials: Vec<TetMaterial>,
-    /// Points spread over the surface.
+    /// Points spread over the surface and the crowns, where neither covers the other.
     pub shell: Vec<SurfacePoint>,
     /// The pre-sawn line.
     pub osteotomy: Osteotomy,
@@ -141,18 +145,34 @@ impl Patient {
         }
         let mesh = spec.mesh(&bone, &distance, &frame, progress)?;
         progress("materials", 0.85);
-        let materials = spec.material.assign(&mesh, &distance, &frame)?;
+        let crowns = bone.parametric.as_ref().map_or(&[][..], |p| p.teeth());
+        let materials = spec.material.assign(&mesh, &distance, &frame, crowns)?;
         let note =
             "bone regions go by depth under the surface; osteons follow the jaw's centre line";
         bone.constructed.push(note.to_owned());
         progress("point shell", 0.95);
-        let shell = point_shell(&bone.surface.mesh, spec.shell_points)?;
+        let teeth: Vec<(Crown, TriMesh)> = crowns
+            .iter()
+            .map(|c| Ok((c.clone(), c.surface()?)))
+            .collect::<Result<_, AnatomyError>>()?;
+        let shell = if teeth.is_empty() {
+            point_shell(&bone.surface.mesh, spec.shell_points)?
+        } else {
+            toothed_point_shell(&distance, &teeth, spec.shell_points)?
+        };
         progress("patient", 1.0);
         Ok(Self {
             name: bone.name,
             constructed: bone.constructed,
             notes: bone.surface.notes,
             surface: bone.surface.mesh,
+            teeth: teeth
+                .into_iter()
+                .map(|(crown, surface)| Tooth {
+                    fdi: crown.kind.fdi(crown.is_left),
+                    surface,
+                })
+                .collect(),
             mesh,
             materials,
             shell,
@@ -163,7 +183,7 @@ impl Patient {
         })
     }
 
-    /// A number that changes whenever surface, mesh, materials, shell or osteotomy do, down to the last bit (FNV-1a, 64 bits).
+    /// A number that changes whenever surface, teeth, mesh, materials, shell or osteotomy do, down to the last bit (FNV-1a, 64 bits).
     pub fn digest(&self) -> u64 {
         let mut h = Digest::default();
         h.points(&self.surface.vertices);
@@ -172,6 +192,10 @@ impl Patient {
             .iter()
             .flatten()
             .for_each(|i| h.word(u64::from(*i)));
+        for tooth in &self.teeth {
+            h.word(u64::from(tooth.fdi));
+            h.points(&tooth.surface.vertices);
+        }
         h.points(self.mesh.nodes());
         self.mesh
             .tets()
@@ -188,7 +212,7 @@ impl Patient {
             h.points(&[m.osteon]);
         }
         for p in &self.shell {
-            h.points(&[p.position, p.normal]);
+            h.points(&[p.position, p.normal, p.anchor]);
             h.numbers(&[p.area]);
         }
         h.numbers(&[self.osteotomy.side.sign(), self.osteotomy.kerf]);
@@ -215,6 +239,8 @@ impl SurfaceSource {
                     name: name.to_owned(),
                     constructed: vec![
                         "the bone is an idealised shape with published mean sizes, not a patient's"
+                            .to_owned(),
+                        "the crowns are simple shapes of textbook mean sizes, not a patient's"
                             .to_owned(),
                     ],
                     surface: ClosedSurface::new(mesh, name)?,

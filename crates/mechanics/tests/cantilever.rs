@@ -38,7 +38,7 @@ fn ratio(n: usize) -> f64 {
             &mut x,
         );
     }
-    system.solve(&mut x, &mut system.scratch(1));
+    system.solve(&mut x, &mut system.scratch());
     let w: f64 = tip
         .iter()
         .map(|&i| system.displacement(i as usize, &x).z)

@@ -1,175 +1,198 @@
-//! Penny-shaped crack of radius a in a large block under remote tension s, straight and inclined.
+//! Penny-shaped crack of radius a in a large block: under remote tension s, inclined to it, and with pressure on its faces.
 //!
-//! K_I = 2 s sqrt(a / pi); inclined at alpha to s, at angle w round the front (code_aster V3.04.154):
-//! K_I = (2/pi) s sin^2(alpha) sqrt(pi a), K_II = 4 / (pi (2 - nu)) s sin(alpha) cos(alpha) cos(w) sqrt(pi a),
-//! K_III = 4 (1 - nu) / (pi (2 - nu)) s sin(alpha) cos(alpha) sin(w) sqrt(pi a).
-//! With n leaning towards +x the upper face slides along -u, so K_II and K_III carry a minus sign here.
-//! Tolerances: mean of G within 15 %, of K_I within 10 %, shear amplitudes within 20 %, because a/h is only 3.7 and the
-//! block's half width 4 a; signs and places of the shear extrema are strict.
-use osteotome_mechanics::bone::{Supports, TetMaterial};
-use osteotome_mechanics::crack::stress_intensity::{Fields, Station, evaluate};
-use osteotome_mechanics::crack::{CutEdges, Front, Sheet, System, Topology};
-use osteotome_mechanics::geometry::{TetLocator, TetMesh, TriMesh, Vec3, block_mesh};
+//! Closed forms. Tension s or internal pressure s: K_I = 2 s sqrt(a / pi). Crack inclined at alpha to s, at angle w round the
+//! front (code_aster V3.04.154): K_I = (2/pi) s sin^2(alpha) sqrt(pi a), K_II = 4 / (pi (2 - nu)) s sin(alpha) cos(alpha)
+//! cos(w) sqrt(pi a), K_III = 4 (1 - nu) / (pi (2 - nu)) s sin(alpha) cos(alpha) sin(w) sqrt(pi a). The inclination is put into
+//! the load: the crack stays in the plane z = 0 of its block, its upper face slides along +x.
+//!
+//! Mesh: body-centred block of half width 5 a (F = 1.005 for the finite size), even with step h / .91 near the crack, graded
+//! outside; nodes jittered by .12 of the spacing; the disc's centre at random within half an element; 48 front vertices.
+//! a = 3, nu = .3, alpha = 60 degrees. `OSTEOTOME_LONG=1` adds a/h = 6 and more placements.
+//!
+//! Measured, error in % as mean +- sd over placements (8 at a/h 3 and 4, 3 at 6), kinks in degrees:
+//!
+//! | a/h | G | K_I | K_II | K_III | K_I by pressure | kink rms | kink max | (a_eff - a) / h |
+//! |---|---|---|---|---|---|---|---|---|
+//! | 3 | +.5 +- 1.7 | +1.1 +- 1.4 | -4.5 +- 2.8 | -5.3 +- 2.1 | -.6 +- 1.5 | 1.4 | 2.9 | -.03 +- .04 |
+//! | 4 | +1.5 +- .8 | +2.0 +- .6 | -.4 +- 1.0 | -1.2 +- 1.7 | +.5 +- .6 | 1.0 | 3.0 | .00 +- .04 |
+//! | 6 | -.2 +- 1.2 | +.6 +- .8 | -.5 +- .8 | -1.1 +- .6 | .0 +- 1.1 | 1.0 | 3.1 | -.03 +- .04 |
+//!
+//! Limits are those of the project's validation table: G and K_I 8 % at a/h 3, 5 % from 4; amplitudes of K_II and K_III 10 %,
+//! 5 % from 6; kink angle 3 degrees rms, 8 at most.
+mod support;
+use osteotome_mechanics::crack::criterion::StressIntensity;
+use osteotome_mechanics::crack::stress_intensity::Station;
+use osteotome_mechanics::geometry::Vec3;
 use std::f64::consts::PI;
+use support::cracked::*;
 
-const RADIUS: f64 = 3.0;
 const NU: f64 = 0.3;
 const YOUNG: f64 = 1000.0;
+const RADIUS: f64 = 3.0;
+const N_BORDER: u32 = 48;
+const ALPHA: f64 = PI / 3.0;
 
-/// Fine and even inside 1.5 a, stretched to 4 a outside.
-fn mesh() -> TetMesh {
-    let stretch = |s: f64| {
-        let m = s.abs();
-        let x = if m <= 0.6 {
-            m / 0.6 * 4.5
-        } else {
-            4.5 + 7.5 * ((m - 0.6) / 0.4 * 1.5 + ((m - 0.6) / 0.4).powi(2)) / 2.5
-        };
-        x.copysign(s)
-    };
-    let one = Vec3::repeat(1.0);
-    let even = block_mesh(-one, one, [24, 24, 24]);
-    TetMesh::new(
-        even.nodes().iter().map(|p| p.map(stretch)).collect(),
-        even.tets().to_vec(),
-    )
-    .unwrap()
+fn specimen(a_over_h: f64, seed: u64) -> Specimen {
+    let h = RADIUS / a_over_h;
+    let step = h / 0.91;
+    let even_up_to = |x: f64| (x / step).ceil() * step;
+    let (near, flat) = (even_up_to(RADIUS + 2.5 * h), even_up_to(3.0 * h));
+    let wide = graded(near, 5.0 * RADIUS, step, 1.5);
+    let high = graded(flat, 5.0 * RADIUS, step, 1.5);
+    let mesh = centred_block([&wide, &wide, &high], 0.12, seed);
+    let corner = Vec3::new(near, near, flat);
+    let h = element_size(&mesh, [-corner, corner]);
+    Specimen::new(mesh, YOUNG, NU, 1.0, h)
 }
 
-/// A disc of `radius` with normal `n`; its border runs round once.
-fn disc(radius: f64, u: Vec3, v: Vec3, centre: Vec3) -> TriMesh {
-    const N: u32 = 48;
-    let mut mesh = TriMesh {
-        vertices: vec![centre],
-        triangles: vec![],
-    };
-    for k in 0..N {
-        let w = 2.0 * PI * f64::from(k) / f64::from(N);
-        mesh.vertices
-            .push(centre + (u * w.cos() + v * w.sin()) * radius);
-        mesh.triangles.push([0, 1 + k, 1 + (k + 1) % N]);
-    }
-    mesh
+/// Relative errors; kinks in degrees.
+struct Errors {
+    g: f64,
+    k1: f64,
+    k2: f64,
+    k3: f64,
+    pressure_g: f64,
+    pressure_k1: f64,
+    kink_rms: f64,
+    kink_max: f64,
+    /// (a_eff - a) / h, and the same from the energy that the crack releases.
+    ahead: f64,
+    ahead_by_energy: f64,
 }
 
-fn stations(alpha: f64) -> (Vec<Station>, f64) {
-    let mesh = mesh();
-    let locator = TetLocator::new(&mesh);
-    // The load is along z; the crack's normal leans by 90 degrees - alpha towards x.
-    let (u, v) = (Vec3::new(alpha.sin(), 0.0, -alpha.cos()), Vec3::y());
-    let centre = Vec3::new(0.031, 0.017, 0.023);
-    // Mean edge of a Kuhn cube of .625.
-    let h = 0.8;
-    let mut cuts = CutEdges::new(&mesh);
-    cuts.cut(&mesh, &locator, &disc(RADIUS + 0.85 * h, u, v, centre), 1);
-    let topology = Topology::new(&mesh, &cuts);
-    let materials = vec![TetMaterial::isotropic(YOUNG, NU, 1.0); mesh.tets().len()];
-    let supports = Supports {
-        fixed: vec![],
-        ground_spring: 1e-5,
-        ..Default::default()
-    };
-    let system = System::new(&mesh, &materials, &topology, &supports).unwrap();
-    let mut x = vec![0.0; system.n()];
-    for f in mesh.boundary_faces() {
-        let [a, b, c] = f.map(|n| mesh.nodes()[n as usize]);
-        let area_normal = (b - a).cross(&(c - a)) * 0.5;
-        if area_normal.x.abs() + area_normal.y.abs() < 1e-9 {
-            for n in f {
-                let t = mesh.tets_of_node(*n as usize)[0];
-                let k = mesh.tets()[t as usize].iter().position(|m| m == n).unwrap();
-                let mut weights = [0.0; 4];
-                weights[k] = 1.0 / 3.0;
-                let cell = &topology.cells()[topology.cells_of(t).start];
-                system.add_force(&mesh, cell, &weights, &area_normal, &mut x);
-            }
-        }
-    }
-    system.solve(&mut x, &mut system.scratch(1));
-    let sheet = Sheet {
-        name: "penny".into(),
-        mesh: disc(RADIUS, u, v, centre),
-        kerf: vec![0.0; 49],
-        ..Default::default()
-    };
-    let front = Front {
-        sheet: 0,
-        vertices: (1..49).collect(),
-        closed: true,
-    };
-    let fields = Fields {
-        mesh: &mesh,
-        locator: &locator,
-        materials: &materials,
-        topology: &topology,
-        system: &system,
-        x: &x,
-        loads: &[],
-    };
-    (evaluate(&fields, &sheet, &front, h, 0.0), h)
-}
+fn measure(a_over_h: f64, seed: u64) -> Errors {
+    let specimen = specimen(a_over_h, seed);
+    let mut random = support::noise(seed + 100);
+    let centre = Vec3::new(random(), random(), random()) * (0.5 * specimen.h);
+    let disc = ellipse(centre, Vec3::x() * RADIUS, Vec3::y() * RADIUS, N_BORDER);
+    let body = specimen.cut(vec![disc]);
+    let front = body.fronts().remove(0);
+    let angle: Vec<f64> = front
+        .vertices
+        .iter()
+        .map(|v| 2.0 * PI * f64::from(v - 1) / f64::from(N_BORDER))
+        .collect();
+    let remote = |d: Vec3| body.solve(body.at_points(&specimen.remote(d * d.transpose())));
+    let tension = remote(Vec3::z());
+    let inclined = remote(Vec3::new(ALPHA.cos(), 0.0, ALPHA.sin()));
+    let pressed = body.solve(body.pressure(1.0));
+    let [open, slid, pushed] = [&tension, &inclined, &pressed].map(|s| body.stations(s, &front));
 
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let v: Vec<f64> = values.collect();
-    v.iter().sum::<f64>() / v.len() as f64
-}
-
-#[test]
-fn straight_penny() {
-    let (stations, _) = stations(PI / 2.0);
-    let k1 = 2.0 * (RADIUS / PI).sqrt();
+    let root = (PI * RADIUS).sqrt();
+    let k1 = 2.0 / PI * root;
     let g = k1 * k1 * (1.0 - NU * NU) / YOUNG;
-    let ratios = (
-        mean(stations.iter().map(|s| s.g)) / g,
-        mean(stations.iter().map(|s| s.k.k1)) / k1,
-    );
-    assert!(
-        (ratios.0 - 1.0).abs() < 0.15,
-        "G is {} of the closed form",
-        ratios.0
-    );
-    assert!(
-        (ratios.1 - 1.0).abs() < 0.10,
-        "K_I is {} of the closed form",
-        ratios.1
-    );
-    for s in &stations {
+    let shear = 4.0 / (PI * (2.0 - NU)) * ALPHA.sin() * ALPHA.cos() * root;
+    let mean = |v: &[Station], f: &dyn Fn(&Station, f64) -> f64| {
+        v.iter().zip(&angle).map(|(s, w)| f(s, *w)).sum::<f64>() / v.len() as f64
+    };
+    let kink = |s: &Station, w: f64| {
+        let exact = StressIntensity {
+            k1: k1 * ALPHA.sin().powi(2),
+            k2: shear * w.cos(),
+            k3: shear * (1.0 - NU) * w.sin(),
+        };
+        let of = |k: StressIntensity| k.preferred_kink(NU, 1.2, |_| 1.0).0;
+        (of(s.k) - of(exact)).to_degrees()
+    };
+    let released = 0.5 * (tension.work - specimen.mesh.volume() / YOUNG);
+    let energy_radius = (released * 3.0 * YOUNG / (8.0 * (1.0 - NU * NU))).cbrt();
+    Errors {
+        g: mean(&open, &|s, _| s.g) / g - 1.0,
+        k1: mean(&open, &|s, _| s.k.k1) / k1 - 1.0,
+        k2: 2.0 * mean(&slid, &|s, w| s.k.k2 * w.cos()) / shear - 1.0,
+        k3: 2.0 * mean(&slid, &|s, w| s.k.k3 * w.sin()) / shear / (1.0 - NU) - 1.0,
+        pressure_g: mean(&pushed, &|s, _| s.g) / g - 1.0,
+        pressure_k1: mean(&pushed, &|s, _| s.k.k1) / k1 - 1.0,
+        kink_rms: mean(&slid, &|s, w| kink(s, w).powi(2)).sqrt(),
+        kink_max: slid
+            .iter()
+            .zip(&angle)
+            .map(|(s, w)| kink(s, *w).abs())
+            .fold(0.0, f64::max),
+        ahead: ((body.effective_area() / PI).sqrt() - RADIUS) / specimen.h,
+        ahead_by_energy: (energy_radius - RADIUS) / specimen.h,
+    }
+}
+
+/// Largest errors allowed: G and K_I, amplitudes of K_II and K_III.
+struct Limits {
+    opening: f64,
+    shear: f64,
+    kink_rms: f64,
+    kink_max: f64,
+}
+
+/// The mean over placements must hold the limits; kinks hold them at every placement.
+fn check(a_over_h: f64, placements: u64, limits: &Limits) {
+    let all: Vec<Errors> = (0..placements)
+        .map(|seed| measure(a_over_h, seed))
+        .collect();
+    let of = |f: &dyn Fn(&Errors) -> f64| all.iter().map(f).collect::<Vec<_>>();
+    for (name, values, limit) in [
+        ("G", of(&|e| e.g), limits.opening),
+        ("K_I", of(&|e| e.k1), limits.opening),
+        ("K_II", of(&|e| e.k2), limits.shear),
+        ("K_III", of(&|e| e.k3), limits.shear),
+        ("G under pressure", of(&|e| e.pressure_g), limits.opening),
+        ("K_I under pressure", of(&|e| e.pressure_k1), limits.opening),
+        ("(a_eff - a) / h", of(&|e| e.ahead), 0.1),
+        ("(a_U - a) / h", of(&|e| e.ahead_by_energy), 0.12),
+        ("kink rms", of(&|e| e.kink_rms), limits.kink_rms),
+        ("kink max", of(&|e| e.kink_max), limits.kink_max),
+    ] {
+        let (mean, sd) = mean_sd(&values);
+        eprintln!("penny, a/h {a_over_h}: {name} off by {mean:+.4} +- {sd:.4} (limit {limit})");
         assert!(
-            s.k.k2.abs() < 0.12 * k1 && s.k.k3.abs() < 0.12 * k1,
-            "shear at a straight penny: {:?}",
-            s.k
+            mean.abs() < limit,
+            "a/h {a_over_h}: {name} off by {mean:+.4} +- {sd:.4}, limit {limit}"
         );
     }
 }
 
 #[test]
-fn inclined_penny() {
-    let alpha = PI / 3.0;
-    let (stations, _) = stations(alpha);
-    let root = (PI * RADIUS).sqrt();
-    let k1 = 2.0 / PI * alpha.sin().powi(2) * root;
-    let k2 = 4.0 / (PI * (2.0 - NU)) * alpha.sin() * alpha.cos() * root;
-    let k3 = k2 * (1.0 - NU);
-    let angle = |k: usize| 2.0 * PI * k as f64 / 48.0;
-    let amplitude = |f: &dyn Fn(usize) -> f64| 2.0 * mean((0..48).map(f));
-    let found = [
-        mean(stations.iter().map(|s| s.k.k1)) / k1,
-        amplitude(&|k| stations[k].k.k2 * angle(k).cos()) / k2,
-        amplitude(&|k| stations[k].k.k3 * angle(k).sin()) / k3,
-    ];
-    assert!(
-        (found[0] - 1.0).abs() < 0.10,
-        "K_I is {} of the closed form",
-        found[0]
+fn three_elements_a_radius() {
+    let placements = if long() { 8 } else { 3 };
+    check(
+        3.0,
+        placements,
+        &Limits {
+            opening: 0.08,
+            shear: 0.10,
+            kink_rms: 3.0,
+            kink_max: 8.0,
+        },
     );
-    assert!(
-        (found[1].abs() - 1.0).abs() < 0.20,
-        "K_II is {} of the closed form",
-        found[1]
+}
+
+#[test]
+fn four_elements_a_radius() {
+    let placements = if long() { 8 } else { 2 };
+    check(
+        4.0,
+        placements,
+        &Limits {
+            opening: 0.05,
+            shear: 0.10,
+            kink_rms: 3.0,
+            kink_max: 8.0,
+        },
     );
-    assert!(
-        (found[2].abs() - 1.0).abs() < 0.20,
-        "K_III is {} of the closed form",
-        found[2]
+}
+
+#[test]
+fn six_elements_a_radius() {
+    if !long() {
+        eprintln!("skipped: set OSTEOTOME_LONG=1");
+        return;
+    }
+    check(
+        6.0,
+        3,
+        &Limits {
+            opening: 0.05,
+            shear: 0.05,
+            kink_rms: 3.0,
+            kink_max: 8.0,
+        },
     );
 }

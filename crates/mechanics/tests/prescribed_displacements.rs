@@ -62,7 +62,7 @@ fn solved(bar: &Bar, ground_spring: f64) -> (System, Vec<f64>) {
     let system = System::new(&bar.mesh, &bar.materials, &bar.topology, &supports).unwrap();
     let mut x = vec![0.0; system.n()];
     system.add_prescribed(&mut x);
-    system.solve(&mut x, &mut system.scratch(1));
+    system.solve(&mut x, &mut system.scratch());
     (system, x)
 }
 

@@ -1,11 +1,17 @@
+use super::block_matrix::BlockMatrix;
+use super::dense::{add_columns, dot, subtract_dots, view, view_mut};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
+use faer::linalg::matmul::matmul;
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
+use faer::perm::PermRef;
+use faer::sparse::linalg::amd;
 use faer::sparse::linalg::cholesky::{
-    LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
+    CholeskySymbolicParams, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
+use faer::sparse::linalg::{SupernodalThreshold, cholesky::supernodal::SymbolicSupernodalCholesky};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
-use faer::{Conj, MatMut, Par, Side, Spec};
-use std::sync::Arc;
+use faer::{Accum, Par, Side, Spec};
 
 /// Why a matrix could not be factored.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -20,63 +26,98 @@ pub enum FactorError {
     OutOfMemory(usize),
 }
 
-/// Sparse Cholesky factor of a symmetric positive definite matrix of 3 x 3 blocks (faer, AMD ordering).
-#[derive(Clone)]
+/// "No supernode above."
+const ROOT: u32 = u32::MAX;
+
+/// Sparse Cholesky factor K = L L^T of a symmetric positive definite matrix of 3 x 3 blocks.
+///
+/// The blocks are ordered by approximate minimum degree; faer computes L once. It is kept by supernodes (runs of columns with
+/// one pattern, dense and column-major), so that a triangular solve can be held to those supernodes that a right-hand side
+/// reaches: its path up the elimination tree.
+#[derive(Clone, Debug)]
 pub struct Factor {
-    symbolic: Arc<SymbolicCholesky<usize>>,
+    /// Place in L of each unknown, and back.
+    place: Vec<u32>,
+    unknown_at: Vec<u32>,
+    /// First column of each supernode, and one past the last.
+    first: Vec<u32>,
+    supernode_of: Vec<u32>,
+    parent: Vec<u32>,
+    /// Rows of L below the columns of each supernode.
+    pattern_first: Vec<usize>,
+    pattern: Vec<u32>,
+    value_first: Vec<usize>,
     values: Vec<f64>,
 }
 
-/// Memory of a solve, kept so that solving allocates nothing.
-pub struct SolveScratch {
-    buffer: MemBuffer,
-    columns: usize,
+/// Supernodes that a set of right-hand sides reaches, from leaves to roots, with all above them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Path {
+    pub(super) supernodes: Vec<u32>,
+    /// First row of each in a packed column, and the number of rows.
+    pub(super) offset: Vec<usize>,
 }
 
-impl std::fmt::Debug for Factor {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "Factor({} unknowns, {} values)",
-            self.symbolic.nrows(),
-            self.values.len()
-        )
+impl Path {
+    /// Number of rows in a packed column.
+    pub fn n_rows(&self) -> usize {
+        self.offset.last().copied().unwrap_or(0)
     }
-}
 
-impl std::fmt::Debug for SolveScratch {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "SolveScratch({} columns)", self.columns)
+    /// Runs of rows that two packed columns have in common: (first row in `self`, in `other`, how many).
+    pub(super) fn common<'a>(
+        &'a self,
+        other: &'a Self,
+    ) -> impl Iterator<Item = (usize, usize, usize)> + 'a {
+        let (mut i, mut j) = (0, 0);
+        let (a, b) = (&self.supernodes, &other.supernodes);
+        std::iter::from_fn(move || {
+            while i < a.len() && j < b.len() && a[i] != b[j] {
+                if a[i] < b[j] {
+                    i += 1;
+                } else {
+                    j += 1;
+                }
+            }
+            let (i0, j0) = (i, j);
+            while i < a.len() && j < b.len() && a[i] == b[j] {
+                i += 1;
+                j += 1;
+            }
+            (i > i0).then(|| {
+                let rows = self.offset[i] - self.offset[i0];
+                (self.offset[i0], other.offset[j0], rows)
+            })
+        })
     }
 }
 
 impl Factor {
-    /// Factors the matrix given by its lower triangle in compressed columns, rows ascending in each.
+    /// Orders, analyses and factors.
     ///
     /// # Errors
     /// [`FactorError`] if the matrix is not positive definite or does not fit.
-    pub fn new(
-        column_starts: &[usize],
-        rows: &[usize],
-        values: &[f64],
-    ) -> Result<Self, FactorError> {
-        let n = column_starts.len() - 1;
+    pub fn new(matrix: &BlockMatrix) -> Result<Self, FactorError> {
+        let n = 3 * matrix.n_blocks();
         let memory = |_| FactorError::OutOfMemory(n);
-        let pattern = SymbolicSparseColMatRef::new_checked(n, n, column_starts, None, rows);
-        let symbolic = factorize_symbolic_cholesky(
-            pattern,
-            Side::Lower,
-            SymmetricOrdering::Amd,
-            Default::default(),
-        )
-        .map_err(memory)?;
+        let (unknown_at, place) = order(matrix)?;
+        let (starts, rows, values) = scalar_columns(matrix);
+        let pattern = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &rows);
+        let params = CholeskySymbolicParams {
+            supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
+            ..Default::default()
+        };
+        let permutation = PermRef::new_checked(&unknown_at, &place, n);
+        let ordering = SymmetricOrdering::Custom(permutation);
+        let symbolic = factorize_symbolic_cholesky(pattern, Side::Lower, ordering, params)
+            .map_err(|_| FactorError::OutOfMemory(n))?;
         let mut factor = vec![0.0; symbolic.len_val()];
         let need = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Spec::default());
-        let mut buffer = MemBuffer::try_new(need).map_err(|_| FactorError::OutOfMemory(n))?;
+        let mut buffer = MemBuffer::try_new(need).map_err(memory)?;
         symbolic
             .factorize_numeric_llt(
                 &mut factor,
-                SparseColMatRef::new(pattern, values),
+                SparseColMatRef::new(pattern, &values),
                 Side::Lower,
                 LltRegularization::default(),
                 Par::Seq,
@@ -84,85 +125,298 @@ impl Factor {
                 Spec::default(),
             )
             .map_err(|_| FactorError::NotPositiveDefinite)?;
-        Ok(Self {
-            symbolic: Arc::new(symbolic),
-            values: factor,
-        })
+        let SymbolicCholeskyRaw::Supernodal(supernodes) = symbolic.raw() else {
+            return Err(FactorError::OutOfMemory(n));
+        };
+        let narrow = |v: Vec<usize>| v.into_iter().map(|i| i as u32).collect();
+        Ok(Self::from_supernodes(
+            supernodes,
+            factor,
+            narrow(place),
+            narrow(unknown_at),
+        ))
+    }
+
+    fn from_supernodes(
+        symbolic: &SymbolicSupernodalCholesky<usize>,
+        values: Vec<f64>,
+        place: Vec<u32>,
+        unknown_at: Vec<u32>,
+    ) -> Self {
+        let mut first: Vec<u32> = symbolic
+            .supernode_begin()
+            .iter()
+            .map(|s| *s as u32)
+            .collect();
+        first.push(symbolic.nrows() as u32);
+        let mut supernode_of = vec![0; symbolic.nrows()];
+        let (mut pattern_first, mut pattern) = (vec![0], Vec::new());
+        for s in 0..symbolic.n_supernodes() {
+            supernode_of[first[s] as usize..first[s + 1] as usize].fill(s as u32);
+            pattern.extend(symbolic.supernode(s).pattern().iter().map(|r| *r as u32));
+            pattern_first.push(pattern.len());
+        }
+        let above = |s: usize| pattern[pattern_first[s]..pattern_first[s + 1]].first();
+        let parent = (0..symbolic.n_supernodes())
+            .map(|s| above(s).map_or(ROOT, |r| supernode_of[*r as usize]))
+            .collect();
+        Self {
+            place,
+            unknown_at,
+            first,
+            parent,
+            supernode_of,
+            pattern_first,
+            pattern,
+            value_first: symbolic.col_ptr_for_val().to_vec(),
+            values,
+        }
     }
 
     /// Number of unknowns.
     pub fn n(&self) -> usize {
-        self.symbolic.nrows()
+        self.place.len()
     }
 
-    /// Memory for solves with up to `columns` right-hand sides.
-    pub fn scratch(&self, columns: usize) -> SolveScratch {
-        let need = self
-            .symbolic
-            .solve_in_place_scratch::<f64>(columns, Par::Seq);
-        SolveScratch {
-            buffer: MemBuffer::new(need),
-            columns,
+    /// Number of values kept.
+    pub fn n_values(&self) -> usize {
+        self.values.len()
+    }
+
+    /// The path of right-hand sides that are zero but at the given unknowns.
+    pub fn path(&self, unknowns: impl IntoIterator<Item = u32>) -> Path {
+        let mut seen = vec![false; self.parent.len()];
+        let mut supernodes = Vec::new();
+        for u in unknowns {
+            let mut s = self.supernode_of[self.place[u as usize] as usize];
+            while s != ROOT && !std::mem::replace(&mut seen[s as usize], true) {
+                supernodes.push(s);
+                s = self.parent[s as usize];
+            }
+        }
+        supernodes.sort_unstable();
+        self.path_of(supernodes)
+    }
+
+    /// All supernodes.
+    pub fn whole(&self) -> Path {
+        self.path_of((0..self.parent.len() as u32).collect())
+    }
+
+    /// The union of paths given by their supernodes.
+    pub(super) fn joined<'a>(&self, paths: impl Iterator<Item = &'a Vec<u32>>) -> Path {
+        let mut seen = vec![false; self.parent.len()];
+        paths.flatten().for_each(|s| seen[*s as usize] = true);
+        self.path_of(
+            (0..self.parent.len() as u32)
+                .filter(|s| seen[*s as usize])
+                .collect(),
+        )
+    }
+
+    /// Packs the rows of `path` out of places of L.
+    pub(super) fn gather(&self, path: &Path, y: &[f64], packed: &mut [f64]) {
+        for (&s, &offset) in path.supernodes.iter().zip(&path.offset) {
+            let columns = self.columns(s as usize);
+            packed[offset..offset + columns.len()].copy_from_slice(&y[columns]);
         }
     }
 
-    /// Solves K x = b in place for right-hand sides stored one after the other. Allocates nothing.
-    ///
-    /// `x`: n values a right-hand side, at most as many as `scratch` was made for.
-    pub fn solve(&self, x: &mut [f64], scratch: &mut SolveScratch) {
-        let columns = x.len() / self.n().max(1);
-        assert!(
-            columns <= scratch.columns,
-            "scratch is for {} right-hand sides, not {columns}",
-            scratch.columns
-        );
-        let rhs = MatMut::from_column_major_slice_mut(x, self.n(), columns);
-        LltRef::new(&self.symbolic, &self.values).solve_in_place_with_conj(
-            Conj::No,
-            rhs,
-            Par::Seq,
-            MemStack::new(&mut scratch.buffer),
-        );
+    /// Subtracts packed rows from their places in L.
+    pub(super) fn scatter_subtract(&self, path: &Path, packed: &[f64], y: &mut [f64]) {
+        for (&s, &offset) in path.supernodes.iter().zip(&path.offset) {
+            let from = y[self.columns(s as usize)]
+                .iter_mut()
+                .zip(&packed[offset..]);
+            from.for_each(|(y, p)| *y -= p);
+        }
+    }
+
+    fn path_of(&self, supernodes: Vec<u32>) -> Path {
+        let mut offset = vec![0];
+        for &s in &supernodes {
+            offset.push(offset[offset.len() - 1] + self.columns(s as usize).len());
+        }
+        Path { supernodes, offset }
+    }
+
+    /// Columns of supernode `s`.
+    pub(super) fn columns(&self, s: usize) -> std::ops::Range<usize> {
+        self.first[s] as usize..self.first[s + 1] as usize
+    }
+
+    /// Row of unknown `i` in columns packed along `path`.
+    pub(super) fn packed_row(&self, path: &Path, i: usize) -> usize {
+        let place = self.place[i];
+        let s = self.supernode_of[place as usize];
+        let at = path.supernodes.partition_point(|t| *t < s);
+        path.offset[at] + (place - self.first[s as usize]) as usize
+    }
+
+    /// Copies the unknowns on `path` to their places in L.
+    pub(super) fn place_all(&self, path: &Path, x: &[f64], y: &mut [f64]) {
+        for &s in &path.supernodes {
+            self.columns(s as usize)
+                .for_each(|i| y[i] = x[self.unknown_at[i] as usize]);
+        }
+    }
+
+    /// Copies back what [`place_all`](Self::place_all) placed.
+    pub(super) fn take_all(&self, path: &Path, y: &[f64], x: &mut [f64]) {
+        for &s in &path.supernodes {
+            self.columns(s as usize)
+                .for_each(|i| x[self.unknown_at[i] as usize] = y[i]);
+        }
+    }
+
+    fn pattern(&self, s: usize) -> &[u32] {
+        &self.pattern[self.pattern_first[s]..self.pattern_first[s + 1]]
+    }
+
+    fn values(&self, s: usize) -> &[f64] {
+        &self.values[self.value_first[s]..self.value_first[s + 1]]
+    }
+
+    /// Length of the longest pattern: what the sweeps need for `below`.
+    pub(super) fn longest_pattern(&self) -> usize {
+        (0..self.parent.len())
+            .map(|s| self.pattern(s).len())
+            .max()
+            .unwrap_or(0)
+    }
+
+    /// y <- L^-1 y for a y that is zero off `path`, in places of L. Supernodes where y is zero cost nothing.
+    pub(super) fn forward(&self, path: &Path, y: &mut [f64], below: &mut [f64]) {
+        for &s in &path.supernodes {
+            let (columns, pattern) = (self.columns(s as usize), self.pattern(s as usize));
+            let (n, stride) = (columns.len(), columns.len() + pattern.len());
+            let l = self.values(s as usize);
+            let top = &mut y[columns.clone()];
+            if top.iter().all(|v| *v == 0.0) {
+                continue;
+            }
+            for c in 0..n {
+                let column = &l[c * stride..c * stride + n];
+                top[c] /= column[c];
+                let x = top[c];
+                let rest = top[c + 1..].iter_mut().zip(&column[c + 1..]);
+                rest.for_each(|(t, l)| *t -= l * x);
+            }
+            if pattern.is_empty() {
+                continue;
+            }
+            let below = &mut below[..pattern.len()];
+            below.fill(0.0);
+            add_columns(below, &l[n..], stride, top);
+            for (row, b) in pattern.iter().zip(&*below) {
+                y[*row as usize] -= b;
+            }
+        }
+    }
+
+    /// y <- L^-T y on `path`, in places of L.
+    pub(super) fn backward(&self, path: &Path, y: &mut [f64], below: &mut [f64]) {
+        for &s in path.supernodes.iter().rev() {
+            let (columns, pattern) = (self.columns(s as usize), self.pattern(s as usize));
+            let (n, stride) = (columns.len(), columns.len() + pattern.len());
+            let l = self.values(s as usize);
+            let below = &mut below[..pattern.len()];
+            for (b, row) in below.iter_mut().zip(pattern) {
+                *b = y[*row as usize];
+            }
+            let top = &mut y[columns];
+            if !pattern.is_empty() {
+                subtract_dots(top, &l[n..], stride, below);
+            }
+            for c in (0..n).rev() {
+                let column = &l[c * stride..c * stride + n];
+                let rest = dot(&column[c + 1..], &top[c + 1..]);
+                top[c] = (top[c] - rest) / column[c];
+            }
+        }
+    }
+
+    /// L^-1 of `m` columns packed along their common path, in place.
+    pub(super) fn forward_packed(&self, path: &Path, panel: &mut [f64], m: usize) {
+        let n_rows = path.n_rows();
+        let mut shift = vec![0usize; self.parent.len()];
+        for (s, offset) in path.supernodes.iter().zip(&path.offset) {
+            // Rows of the path never lie before their packed place.
+            shift[*s as usize] = self.first[*s as usize] as usize - offset;
+        }
+        let mut below = vec![0.0; self.longest_pattern() * m];
+        for (&s, &offset) in path.supernodes.iter().zip(&path.offset) {
+            let (n, pattern) = (self.columns(s as usize).len(), self.pattern(s as usize));
+            let (l, stride) = (self.values(s as usize), n + pattern.len());
+            let top = view_mut(panel, n_rows, offset, n, m);
+            solve_lower_triangular_in_place(view(l, stride, 0, n, n), top, Par::Seq);
+            if pattern.is_empty() {
+                continue;
+            }
+            let top = view(panel, n_rows, offset, n, m);
+            let product = view_mut(&mut below, pattern.len(), 0, pattern.len(), m);
+            let lower = view(l, stride, n, pattern.len(), n);
+            matmul(product, Accum::Replace, lower, top, 1.0, Par::Seq);
+            for (column, below) in panel
+                .chunks_exact_mut(n_rows)
+                .zip(below.chunks_exact(pattern.len()))
+            {
+                for (row, b) in pattern.iter().zip(below) {
+                    let row = *row as usize;
+                    column[row - shift[self.supernode_of[row] as usize]] -= b;
+                }
+            }
+        }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// Approximate minimum degree on the graph of blocks, spread to unknowns: (unknown at each place, place of each unknown).
+fn order(matrix: &BlockMatrix) -> Result<(Vec<usize>, Vec<usize>), FactorError> {
+    let n = matrix.n_blocks();
+    let (starts, rows) = matrix.pattern();
+    let rows: Vec<usize> = rows.iter().map(|r| *r as usize).collect();
+    let graph = SymbolicSparseColMatRef::new_checked(n, n, starts, None, &rows);
+    let (mut at, mut place) = (vec![0usize; n], vec![0usize; n]);
+    let need = amd::order_maybe_unsorted_scratch::<usize>(n, rows.len());
+    let mut buffer = MemBuffer::try_new(need).map_err(|_| FactorError::OutOfMemory(3 * n))?;
+    amd::order_maybe_unsorted(
+        &mut at,
+        &mut place,
+        graph,
+        Default::default(),
+        MemStack::new(&mut buffer),
+    )
+    .map_err(|_| FactorError::OutOfMemory(3 * n))?;
+    let spread = |v: &[usize]| {
+        v.iter()
+            .flat_map(|b| (0..3).map(move |k| 3 * b + k))
+            .collect()
+    };
+    Ok((spread(&at), spread(&place)))
+}
 
-    #[test]
-    fn solves_a_tridiagonal_system() {
-        let n = 40;
-        let mut starts = vec![0];
-        let (mut rows, mut values) = (Vec::new(), Vec::new());
-        for j in 0..n {
-            rows.push(j);
-            values.push(2.5);
-            if j + 1 < n {
-                rows.push(j + 1);
-                values.push(-1.0);
-            }
-            starts.push(rows.len());
-        }
-        let factor = Factor::new(&starts, &rows, &values).unwrap();
-        let expected: Vec<f64> = (0..2 * n).map(|i| (i as f64).sin()).collect();
-        let mut x = expected.clone();
-        for c in 0..2 {
-            let e = &expected[c * n..(c + 1) * n];
-            for i in 0..n {
-                let side = |k: Option<usize>| k.and_then(|k| e.get(k)).copied().unwrap_or(0.0);
-                x[c * n + i] = 2.5 * e[i] - side(i.checked_sub(1)) - side(Some(i + 1));
-            }
-        }
-        factor.solve(&mut x, &mut factor.scratch(2));
-        for (a, b) in x.iter().zip(&expected) {
-            assert!((a - b).abs() < 1e-12);
+fn scalar_columns(matrix: &BlockMatrix) -> (Vec<usize>, Vec<usize>, Vec<f64>) {
+    let mut columns: Vec<usize> = vec![0; 3 * matrix.n_blocks() + 1];
+    for (row, col, _) in matrix.iter() {
+        for c in 0..3 {
+            columns[3 * col as usize + c + 1] += if row == col { 3 - c } else { 3 };
         }
     }
-
-    #[test]
-    fn an_indefinite_matrix_is_refused() {
-        let refused = Factor::new(&[0, 1, 2], &[0, 1], &[1.0, -1.0]);
-        assert_eq!(refused.unwrap_err(), FactorError::NotPositiveDefinite);
+    for j in 1..columns.len() {
+        columns[j] += columns[j - 1];
     }
+    let mut next = columns.clone();
+    let n_values = columns[columns.len() - 1];
+    let (mut rows, mut values) = (vec![0; n_values], vec![0.0; n_values]);
+    for (row, col, k) in matrix.iter() {
+        for c in 0..3 {
+            for r in if row == col { c } else { 0 }..3 {
+                let at = &mut next[3 * col as usize + c];
+                rows[*at] = 3 * row as usize + r;
+                values[*at] = k[(r, c)];
+                *at += 1;
+            }
+        }
+    }
+    (columns, rows, values)
 }

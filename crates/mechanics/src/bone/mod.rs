@@ -1,11 +1,16 @@
 //! The elastic bone without its crack: material, element stiffness, supports, and the sparse factor.
+mod block_matrix;
+mod bordered;
+mod dense;
 mod factor;
 mod material;
 mod rigid_motion;
 pub mod stiffness;
 mod supports;
 
-pub use factor::{Factor, FactorError, SolveScratch};
+pub use block_matrix::{BlockMatrix, add_product, decouple};
+pub use bordered::{BorderRow, Bordered, HalfSolved, Region, SolveScratch};
+pub use factor::{Factor, FactorError, Path};
 pub use material::{Lame, MaterialError, TetMaterial};
 pub use rigid_motion::{FreeMotion, free_motion};
 pub use supports::{Prescribed, Supports};

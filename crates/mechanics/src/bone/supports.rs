@@ -1,4 +1,4 @@
-use crate::geometry::TetMesh;
+use crate::geometry::{TetMesh, Vec3};
 
 /// One coordinate of one node that moves by a given amount.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,19 +34,15 @@ impl Supports {
     /// `alpha` 1e-7 to 1e-6 changes the energy of a held body by 1e-6 to 1e-5.
     pub fn near(
         mesh: &TetMesh,
-        centres: &[crate::geometry::Vec3],
+        centres: &[Vec3],
         radius: f64,
         alpha: f64,
         young_modulus: f64,
     ) -> Self {
-        let mut fixed = Vec::new();
-        for c in centres {
-            let distance = |i: &u32| (mesh.nodes()[*i as usize] - c).norm();
-            let mut nearest: Vec<u32> = (0..mesh.nodes().len() as u32).collect();
-            nearest.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
-            let within = nearest.partition_point(|i| distance(i) <= radius);
-            fixed.extend(&nearest[..within.max(3).min(nearest.len())]);
-        }
+        let mut fixed: Vec<u32> = centres
+            .iter()
+            .flat_map(|c| nearest(mesh, c, radius))
+            .collect();
         fixed.sort_unstable();
         fixed.dedup();
         Self {
@@ -71,17 +67,21 @@ impl Supports {
         values
     }
 
-    /// Steadies the body by springs of `stiffness` \[N/mm\] in all, spread over the nodes within `radius` of `centre`.
-    pub fn steady(
-        &mut self,
-        mesh: &TetMesh,
-        centre: &crate::geometry::Vec3,
-        radius: f64,
-        stiffness: f64,
-    ) {
-        let is_near = |i: &u32| (mesh.nodes()[*i as usize] - centre).norm() <= radius;
-        let near: Vec<u32> = (0..mesh.nodes().len() as u32).filter(is_near).collect();
+    /// Steadies the body by springs of `stiffness` \[N/mm\] in all, spread over the nodes within `radius` of `centre`, or
+    /// over the three nearest.
+    pub fn steady(&mut self, mesh: &TetMesh, centre: &Vec3, radius: f64, stiffness: f64) {
+        let near = nearest(mesh, centre, radius);
         let each = stiffness / near.len().max(1) as f64;
         self.springs.extend(near.into_iter().map(|i| (i, each)));
     }
+}
+
+/// The nodes within `radius` of `centre`, at least the three nearest.
+fn nearest(mesh: &TetMesh, centre: &Vec3, radius: f64) -> Vec<u32> {
+    let distance = |i: &u32| (mesh.nodes()[*i as usize] - centre).norm();
+    let mut nodes: Vec<u32> = (0..mesh.nodes().len() as u32).collect();
+    nodes.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
+    let within = nodes.partition_point(|i| distance(i) <= radius);
+    nodes.truncate(within.max(3));
+    nodes
 }

@@ -2,11 +2,13 @@ use super::cut_edges::CutEdges;
 use super::enrichment::Topology;
 use super::fragments::Fragments;
 use super::growth::{GrowthLengths, Surroundings, grow};
+use super::lead::Lead;
 use super::stress_intensity::{CellForce, Fields, Station, evaluate, front_frames};
 use super::surface::{CrackSurface, Front};
 use super::system::System;
 use crate::bone::{FactorError, MaterialError, Supports, TetMaterial, free_motion};
 use crate::geometry::{TetLocator, TetMesh, Vec3};
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Why a cracked body could not be made.
@@ -63,6 +65,47 @@ impl Solid {
         (self.mesh.nodes().len() / 300).max(2)
     }
 
+    /// What is to be cut ahead of the fronts of a crack that has not grown yet, with the sheet of each.
+    fn leads(&self, crack: &CrackSurface) -> Vec<(usize, Lead)> {
+        let fronts = crack.fronts(&self.mesh, &self.locator, self.lengths.stick());
+        let lead = |front: &Front| {
+            let sheet = &crack.sheets[front.sheet];
+            let (points, advances) = front_frames(sheet, front, self.lengths.h);
+            let around = self.surroundings();
+            let lead = around.lead_ahead(crack, front.sheet, &points, &advances);
+            (front.sheet, lead)
+        };
+        fronts.iter().map(lead).collect()
+    }
+
+    /// Pieces that neither support nor spring holds.
+    fn loose_pieces(&self, fragments: &Fragments) -> Vec<u32> {
+        if self.supports.ground_spring > 0.0 {
+            return Vec::new();
+        }
+        let mut nodes_of = vec![Vec::new(); fragments.volume_share.len()];
+        for (i, &f) in (0u32..).zip(&fragments.of_node) {
+            nodes_of[f as usize].push(i);
+        }
+        let is_loose = |nodes: &Vec<u32>| free_motion(&self.mesh, &self.supports, nodes).is_some();
+        let pieces = (0u32..).zip(&nodes_of);
+        pieces.filter(|(_, n)| is_loose(n)).map(|p| p.0).collect()
+    }
+
+    /// The supports, with a soft spring at each node of the loose pieces.
+    fn supports_with(&self, fragments: &Fragments, loose: &[u32]) -> Cow<'_, Supports> {
+        if loose.is_empty() {
+            return Cow::Borrowed(&self.supports);
+        }
+        let stiffest = self.materials.iter().map(|m| m.young_modulus);
+        let spring = LOOSE_SPRING * stiffest.fold(0.0, f64::max) * self.lengths.h;
+        let mut supports = self.supports.clone();
+        let nodes = (0u32..).zip(&fragments.of_node);
+        let hanging = nodes.filter(|(_, f)| loose.contains(f));
+        supports.springs.extend(hanging.map(|(i, _)| (i, spring)));
+        Cow::Owned(supports)
+    }
+
     fn check(&self) -> Result<(), BodyError> {
         let needed = self.mesh.tets().len();
         if self.materials.len() != needed {
@@ -117,48 +160,27 @@ impl CrackedBody {
     /// [`BodyError`] for a material out of range or a body that nothing holds.
     pub fn new(solid: Arc<Solid>, mut crack: CrackSurface) -> Result<Self, BodyError> {
         solid.check()?;
-        let mut cuts = CutEdges::new(&solid.mesh);
+        let leads = solid.leads(&crack);
+        let (mesh, locator) = (&solid.mesh, &solid.locator);
+        let mut cuts = CutEdges::new(mesh);
         for sheet in &crack.sheets {
-            cuts.cut(&solid.mesh, &solid.locator, &sheet.mesh, solid.chip_nodes());
+            cuts.seat_nodes(mesh, locator, &sheet.mesh);
         }
-        let around = solid.surroundings();
-        let mut leads = Vec::new();
-        for front in crack.fronts(&solid.mesh, &solid.locator, solid.lengths.stick()) {
-            let sheet = &crack.sheets[front.sheet];
-            let (points, advances) = front_frames(sheet, &front, solid.lengths.h);
-            let lead = around.lead_strip(&crack, front.sheet, &points, &advances);
-            cuts.cut(&solid.mesh, &solid.locator, &lead, solid.chip_nodes());
-            leads.push((front.sheet, lead));
+        for (_, lead) in &leads {
+            lead.seat(&mut cuts, mesh, locator);
+        }
+        for sheet in &crack.sheets {
+            cuts.cut(mesh, locator, &sheet.mesh, solid.chip_nodes());
         }
         for (sheet, lead) in leads {
-            crack.sheets[sheet].lead.append(&lead);
+            lead.cut(&mut cuts, mesh, locator, solid.chip_nodes());
+            crack.sheets[sheet].lead.append(&lead.mesh);
         }
-        Self::from_cuts(solid, crack, cuts)
-    }
-
-    /// The body with exactly these cuts.
-    ///
-    /// # Errors
-    /// [`BodyError::Factor`] if nothing holds some part of it.
-    pub fn from_cuts(
-        solid: Arc<Solid>,
-        crack: CrackSurface,
-        cuts: CutEdges,
-    ) -> Result<Self, BodyError> {
         let topology = Topology::new(&solid.mesh, &cuts);
         let fragments = Fragments::find(&solid.mesh, &cuts);
-        let (loose, springs) = loose_pieces(&solid, &fragments);
-        let sprung;
-        let supports = if springs.is_empty() {
-            &solid.supports
-        } else {
-            sprung = Supports {
-                springs: [solid.supports.springs.clone(), springs].concat(),
-                ..solid.supports.clone()
-            };
-            &sprung
-        };
-        let system = System::new(&solid.mesh, &solid.materials, &topology, supports)?;
+        let loose = solid.loose_pieces(&fragments);
+        let supports = solid.supports_with(&fragments, &loose);
+        let system = System::new(&solid.mesh, &solid.materials, &topology, &supports)?;
         Ok(Self {
             fragments,
             loose,
@@ -199,57 +221,82 @@ impl CrackedBody {
             mesh: &s.mesh,
             locator: &s.locator,
             materials: &s.materials,
+            cuts: &self.cuts,
             topology: &self.topology,
             system: &self.system,
             x,
             loads,
         };
-        let stations = |front: Front| {
-            let sheet = &self.crack.sheets[front.sheet];
-            let stations = evaluate(&fields, sheet, &front, s.lengths.h, k_from);
-            EvaluatedFront { front, stations }
-        };
-        self.fronts().into_iter().map(stations).collect()
+        let fronts = self.fronts();
+        let all = evaluate(&fields, &self.crack, &fronts, s.lengths.h, k_from);
+        let pair = |(front, stations)| EvaluatedFront { front, stations };
+        fronts.into_iter().zip(all).map(pair).collect()
     }
 
-    /// The crack after its fronts have moved, one vector \[mm\] for each vertex of each front, and what it has cut by then.
-    pub fn grown(&self, fronts: &[(&Front, &[Vec3])]) -> (CrackSurface, CutEdges) {
-        let (mut crack, mut cuts) = (self.crack.clone(), self.cuts.clone());
+    /// The crack after its fronts have moved, one vector \[mm\] for each vertex of each front.
+    pub fn advanced(&self, fronts: &[(&Front, &[Vec3])]) -> Growth {
         let s = &self.solid;
+        let mut growth = Growth {
+            crack: self.crack.clone(),
+            cuts: self.cuts.clone(),
+            newly_cut: Vec::new(),
+        };
         for (front, moves) in fronts {
-            let strip = grow(&mut crack, front, moves, &s.surroundings());
-            cuts.cut(&s.mesh, &s.locator, &strip.cut, s.chip_nodes());
+            let strip = grow(&mut growth.crack, front, moves, &s.surroundings());
+            let cut = strip.cut(&mut growth.cuts, &s.mesh, &s.locator, s.chip_nodes());
+            growth.newly_cut.extend(cut);
         }
-        (crack, cuts)
+        growth
     }
 
-    /// The body after its fronts have moved, one vector \[mm\] for each vertex of each front.
+    /// The body after a growth of its crack: old unknowns stay, the factor is only appended to.
     ///
     /// # Errors
     /// [`BodyError::Factor`] if the grown crack leaves a part that nothing holds; `self` stays valid.
-    pub fn grow(&self, fronts: &[(&Front, &[Vec3])]) -> Result<Self, BodyError> {
-        let (crack, cuts) = self.grown(fronts);
-        Self::from_cuts(self.solid.clone(), crack, cuts)
+    pub fn grown(&self, growth: Growth) -> Result<Self, BodyError> {
+        let s = &self.solid;
+        let Growth {
+            crack,
+            cuts,
+            newly_cut,
+        } = growth;
+        let topology = self.topology.grown(&s.mesh, &cuts, &newly_cut);
+        let fragments = Fragments::find(&s.mesh, &cuts);
+        let loose = s.loose_pieces(&fragments);
+        let supports = s.supports_with(&fragments, &loose);
+        let system = if supports == s.supports_with(&self.fragments, &self.loose) {
+            (self.system).grown(&s.mesh, &s.materials, &topology, &supports)?
+        } else {
+            // A piece has come off that now hangs in springs of its own.
+            System::new(&s.mesh, &s.materials, &topology, &supports)?
+        };
+        Ok(Self {
+            solid: self.solid.clone(),
+            fragments,
+            loose,
+            system: Arc::new(system),
+            crack,
+            cuts,
+            topology,
+        })
     }
 }
 
-/// Pieces that nothing holds, and a soft spring for each of their nodes.
-fn loose_pieces(solid: &Solid, fragments: &Fragments) -> (Vec<u32>, Vec<(u32, f64)>) {
-    let (mut loose, mut springs) = (Vec::new(), Vec::new());
-    if solid.supports.ground_spring > 0.0 {
-        return (loose, springs);
+/// A crack that has grown, not yet part of its body's equations.
+#[derive(Clone, Debug)]
+pub struct Growth {
+    /// The grown surface.
+    pub crack: CrackSurface,
+    /// What it has cut.
+    pub cuts: CutEdges,
+    /// The edges cut beyond those of the body it grew in.
+    pub newly_cut: Vec<u32>,
+}
+
+impl Growth {
+    /// Cuts further edges at their middle.
+    pub fn tear(&mut self, mesh: &TetMesh, edges: &[u32]) {
+        self.newly_cut
+            .extend(self.cuts.cut_at_middle(mesh, edges, 1));
     }
-    let stiffest = solid.materials.iter().map(|m| m.young_modulus);
-    let spring = LOOSE_SPRING * stiffest.fold(0.0, f64::max) * solid.mesh.mean_edge_length();
-    let mut nodes_of = vec![Vec::new(); fragments.volume_share.len()];
-    for (i, &f) in (0u32..).zip(&fragments.of_node) {
-        nodes_of[f as usize].push(i);
-    }
-    for (f, nodes) in (0u32..).zip(&nodes_of) {
-        if free_motion(&solid.mesh, &solid.supports, nodes).is_some() {
-            loose.push(f);
-            springs.extend(nodes.iter().map(|&i| (i, spring)));
-        }
-    }
-    (loose, springs)
 }

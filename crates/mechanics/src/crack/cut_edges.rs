@@ -13,7 +13,8 @@ pub struct CutEdges {
     /// Node positions for the crossing test: off the mesh only where the crack ran through a node.
     seat: Vec<Vec3>,
     seated: Vec<bool>,
-    snap: f64,
+    /// [`SNAP`] times the mean edge length around each node.
+    snap: Vec<f64>,
     n_cut: usize,
 }
 
@@ -30,7 +31,7 @@ impl CutEdges {
             crossing: vec![f64::NAN; mesh.edges().len()],
             seat: mesh.nodes().to_vec(),
             seated: vec![false; mesh.nodes().len()],
-            snap: SNAP * mesh.mean_edge_length(),
+            snap: snaps(mesh),
             n_cut: 0,
         }
     }
@@ -71,23 +72,96 @@ impl CutEdges {
         sheet: &TriMesh,
         chip_nodes: usize,
     ) -> Vec<u32> {
+        let fresh = self.crossings(mesh, locator, sheet);
+        self.commit(mesh, fresh, chip_nodes)
+    }
+
+    /// Cuts what lies ahead of a front: of the tetrahedra that `sheet` would divide, those for whose polygon's centre
+    /// `is_reached` holds are cut as a whole; returns the edges newly cut, ascending.
+    ///
+    /// Cutting by the centre of the polygon instead of edge by edge keeps the effective front level however large the polygons
+    /// are that a plane happens to cut out of its mesh.
+    pub fn cut_ahead(
+        &mut self,
+        mesh: &TetMesh,
+        locator: &TetLocator,
+        sheet: &TriMesh,
+        is_reached: impl Fn(&Vec3) -> bool,
+        chip_nodes: usize,
+    ) -> Vec<u32> {
+        let candidates = self.crossings(mesh, locator, sheet);
+        let crossing = |e: u32| {
+            let found = candidates.binary_search_by_key(&e, |c| c.0);
+            found.map_or(self.crossing[e as usize], |k| candidates[k].1)
+        };
+        let mut tets: Vec<u32> = candidates
+            .iter()
+            .flat_map(|&(e, _)| {
+                let [a, b] = mesh.edges()[e as usize];
+                let holds = move |t: &&u32| mesh.tets()[**t as usize].contains(&b);
+                mesh.tets_of_node(a as usize).iter().filter(holds)
+            })
+            .copied()
+            .collect();
+        tets.sort_unstable();
+        tets.dedup();
+        let mut taken = Vec::new();
+        for t in tets {
+            let edges = mesh.tet_edges()[t as usize];
+            let crossed: Vec<u32> = edges
+                .into_iter()
+                .filter(|e| !crossing(*e).is_nan())
+                .collect();
+            // Fewer than three crossed edges never part a tetrahedron.
+            if crossed.len() < 3 {
+                continue;
+            }
+            let at = |e: &u32| {
+                let [a, b] = mesh.edges()[*e as usize].map(|n| mesh.nodes()[n as usize]);
+                a + (b - a) * crossing(*e)
+            };
+            let centre = crossed.iter().map(at).sum::<Vec3>() / crossed.len() as f64;
+            if is_reached(&centre) {
+                taken.extend(crossed);
+            }
+        }
+        taken.sort_unstable();
+        let fresh = candidates
+            .iter()
+            .filter(|c| taken.binary_search(&c.0).is_ok())
+            .copied()
+            .collect();
+        self.commit(mesh, fresh, chip_nodes)
+    }
+
+    /// Uncut edges that a triangle of `sheet` crosses, and where; ascending.
+    fn crossings(
+        &mut self,
+        mesh: &TetMesh,
+        locator: &TetLocator,
+        sheet: &TriMesh,
+    ) -> Vec<(u32, f64)> {
         self.seat_nodes(mesh, locator, sheet);
+        let largest = self.snap.iter().copied().fold(0.0, f64::max);
         let mut fresh: Vec<(u32, f64)> = Vec::new();
         for t in 0..sheet.triangles.len() {
             let triangle = sheet.corners(t);
-            let query = Aabb::around(&triangle).grown(2.0 * self.snap);
+            let query = Aabb::around(&triangle).grown(2.0 * largest);
             locator.tets_near(&query, |tet| {
                 for &e in &mesh.tet_edges()[tet as usize] {
                     if !self.is_cut(e) {
                         let [a, b] = mesh.edges()[e as usize].map(|n| &self.seat[n as usize]);
-                        fresh.extend(segment_crosses(a, b, &triangle).map(|s| (e, s)));
+                        fresh.extend(
+                            segment_crosses(a, b, &triangle)
+                                .map(|s| (e, s.clamp(SNAP, 1.0 - SNAP))),
+                        );
                     }
                 }
             });
         }
         fresh.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
         fresh.dedup_by_key(|f| f.0);
-        self.commit(mesh, fresh, chip_nodes)
+        fresh
     }
 
     /// Cuts the given edges at their middle; returns those newly cut.
@@ -102,21 +176,26 @@ impl CutEdges {
         self.commit(mesh, fresh, chip_nodes)
     }
 
-    fn seat_nodes(&mut self, mesh: &TetMesh, locator: &TetLocator, sheet: &TriMesh) {
+    /// Moves nodes that lie almost on `sheet` off it, each to its own side, for all later tests of what crosses what.
+    ///
+    /// Sheets that adjoin are seated together before either cuts: a node that moves between two cuts would leave an edge uncut
+    /// that passes their seam.
+    pub fn seat_nodes(&mut self, mesh: &TetMesh, locator: &TetLocator, sheet: &TriMesh) {
+        let largest = self.snap.iter().copied().fold(0.0, f64::max);
         let mut nearest: Vec<(u32, f64, Vec3)> = Vec::new();
         for t in 0..sheet.triangles.len() {
             let triangle = sheet.corners(t);
             let Some(normal) = sheet.area_normal(t).try_normalize(1e-12) else {
                 continue;
             };
-            locator.tets_near(&Aabb::around(&triangle).grown(self.snap), |tet| {
+            locator.tets_near(&Aabb::around(&triangle).grown(largest), |tet| {
                 for &n in &mesh.tets()[tet as usize] {
-                    let p = &mesh.nodes()[n as usize];
+                    let (p, snap) = (&mesh.nodes()[n as usize], self.snap[n as usize]);
                     let w = closest_on_triangle(p, &triangle);
                     let offset = p - (0..3).map(|k| triangle[k] * w[k]).sum::<Vec3>();
-                    if !self.seated[n as usize] && offset.norm() < self.snap {
+                    if !self.seated[n as usize] && offset.norm() < snap {
                         let side = if offset.dot(&normal) < 0.0 { -1.0 } else { 1.0 };
-                        let seat = p + normal * (side * self.snap - offset.dot(&normal));
+                        let seat = p + normal * (side * snap - offset.dot(&normal));
                         nearest.push((n, offset.norm(), seat));
                     }
                 }
@@ -171,4 +250,16 @@ impl CutEdges {
         }
         parts
     }
+}
+
+fn snaps(mesh: &TetMesh) -> Vec<f64> {
+    let mut sums = vec![(0.0, 0.0); mesh.nodes().len()];
+    for e in mesh.edges() {
+        let length = mesh.edge_vector(e).norm();
+        for n in e {
+            sums[*n as usize].0 += length;
+            sums[*n as usize].1 += 1.0;
+        }
+    }
+    sums.into_iter().map(|(sum, n)| SNAP * sum / n).collect()
 }

@@ -9,7 +9,7 @@ pub const STANDARD: u32 = u32::MAX;
 ///
 /// A tetrahedron that the crack does not divide is one cell. A divided one has a cell for each group of its nodes that uncut
 /// edges join. The field in a cell interpolates four virtual nodes: at a node on the cell's own side (or one that the cell
-/// still hangs together with round the crack front) the standard displacement u_i, at any other u_i + a_c.
+/// still hangs together with round the crack front) the standard displacement u_i, at any other u_i plus jumps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cell {
     /// The tetrahedron.
@@ -18,7 +18,7 @@ pub struct Cell {
     pub mask: u8,
     /// Share of the tetrahedron's volume; the shares of its cells add to one.
     pub fraction: f64,
-    /// Enrichment added at each local node, or [`STANDARD`].
+    /// Enrichment added at each local node with all above it (see [`Topology::parents`]), or [`STANDARD`].
     pub enrichment: [u32; 4],
     /// Of a tetrahedron's cells, a point with shape functions N lies in the one whose `score . N` is largest.
     pub score: [f64; 4],
@@ -30,11 +30,16 @@ pub struct Cell {
 /// through shared face nodes. Each component c beyond the node's own carries one jump function N_i chi_c. It vanishes at
 /// every node, so nodal values stay displacements and K_uu never changes; with one flat crack it is equation 1 up to the
 /// factor of the sign function; a front needs no rule of its own, because round it the support is one component.
+///
+/// Cuts are only ever added, so components only ever split. When one does, its function stays as it is, over all its parts,
+/// and each part but the first gets a further function of its own, whose parent it is. The space is the same as if each part
+/// had one function, but no function ever changes: a grown topology appends unknowns and leaves all others alone.
 #[derive(Clone, Debug)]
 pub struct Topology {
     cells: Vec<Cell>,
     first: Vec<u32>,
     enriched_nodes: Vec<u32>,
+    parents: Vec<u32>,
 }
 
 impl Topology {
@@ -50,11 +55,83 @@ impl Topology {
             cells,
             first,
             enriched_nodes: Vec::new(),
+            parents: Vec::new(),
         };
         for i in 0..mesh.nodes().len() {
             topology.enrich(mesh, i);
         }
         topology
+    }
+
+    /// The topology after further cuts, where `newly_cut` are the edges that `cuts` has beyond those this one was made from.
+    ///
+    /// Only tetrahedra around these edges are looked at. All enrichments keep their numbers and functions; new ones follow.
+    /// A piece that is divided again shares its own volume among its parts, so that the volumes of all others stay; where
+    /// three or more pieces meet in a tetrahedron they may so differ a little from those of [`new`](Self::new).
+    pub fn grown(&self, mesh: &TetMesh, cuts: &CutEdges, newly_cut: &[u32]) -> Self {
+        let divided = self.newly_divided(mesh, cuts, newly_cut);
+        let mut grown = self.with_cells(&divided);
+        let mut nodes: Vec<u32> = divided
+            .iter()
+            .flat_map(|c| mesh.tets()[c[0].tet as usize])
+            .collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        for i in nodes {
+            grown.enrich(mesh, i as usize);
+        }
+        grown
+    }
+
+    /// The new cells of each tetrahedron that further cuts divide further, by ascending tetrahedron.
+    fn newly_divided(&self, mesh: &TetMesh, cuts: &CutEdges, newly_cut: &[u32]) -> Vec<Vec<Cell>> {
+        let mut touched = Vec::new();
+        for &e in newly_cut {
+            let star = mesh.tets_of_node(mesh.edges()[e as usize][0] as usize);
+            let holds = |t: &&u32| mesh.tet_edges()[**t as usize].contains(&e);
+            touched.extend(star.iter().filter(holds));
+        }
+        touched.sort_unstable();
+        touched.dedup();
+        let mut divided = Vec::new();
+        for t in touched {
+            let mut cells = Vec::new();
+            push_cells(mesh, cuts, t as usize, &mut cells);
+            let old = &self.cells[self.cells_of(t)];
+            if cells.len() > old.len() {
+                inherit(old, &mut cells);
+                divided.push(cells);
+            }
+        }
+        divided
+    }
+
+    /// A copy with other cells for some tetrahedra, given in ascending order.
+    fn with_cells(&self, divided: &[Vec<Cell>]) -> Self {
+        let n_more: usize = divided.iter().map(Vec::len).sum();
+        let mut cells = Vec::with_capacity(self.cells.len() + n_more);
+        let mut first = Vec::with_capacity(self.first.len());
+        let mut from = 0;
+        for new in divided {
+            let t = new[0].tet;
+            let kept = self.first[from as usize] as usize..self.first[t as usize] as usize;
+            let shift = (cells.len() - kept.start) as u32;
+            let starts = &self.first[from as usize..=t as usize];
+            first.extend(starts.iter().map(|f| f + shift));
+            cells.extend_from_slice(&self.cells[kept]);
+            cells.extend_from_slice(new);
+            from = t + 1;
+        }
+        let rest = self.first[from as usize] as usize;
+        let shift = (cells.len() - rest) as u32;
+        first.extend(self.first[from as usize..].iter().map(|f| f + shift));
+        cells.extend_from_slice(&self.cells[rest..]);
+        Self {
+            cells,
+            first,
+            enriched_nodes: self.enriched_nodes.clone(),
+            parents: self.parents.clone(),
+        }
     }
 
     /// All cells, grouped by tetrahedron.
@@ -75,6 +152,17 @@ impl Topology {
     /// The node of each enrichment.
     pub fn enriched_nodes(&self) -> &[u32] {
         &self.enriched_nodes
+    }
+
+    /// For each enrichment the one whose component it is a part of, or [`STANDARD`]: a virtual node moves by u_i plus its
+    /// enrichment's jump and those of all above it. Parents have lower numbers.
+    pub fn parents(&self) -> &[u32] {
+        &self.parents
+    }
+
+    /// Enrichment `e` and all above it; none for [`STANDARD`].
+    pub fn lineage(&self, e: u32) -> impl Iterator<Item = u32> {
+        lineage(&self.parents, e)
     }
 
     /// The cell of a point of tetrahedron `t` with shape functions `n` there (paper, equation 8).
@@ -106,42 +194,14 @@ impl Topology {
         best.0 as u32
     }
 
-    /// Gives node `i` a jump function for each component of its support that does not hold it.
+    /// Gives node `i` a jump function for each component of its support that has none yet and does not hold it.
     fn enrich(&mut self, mesh: &TetMesh, i: usize) {
         let star = mesh.tets_of_node(i);
         if !star.iter().any(|&t| self.is_divided(t)) {
             return;
         }
-        let mut offset = Vec::with_capacity(star.len() + 1);
-        let mut total = 0;
-        for &t in star {
-            offset.push(total);
-            total += self.cells_of(t).len();
-        }
-        let local = |t: u32| star.iter().position(|&s| s == t);
-        let mut parts = UnionFind::new(total + 1);
-        let own = total;
-        for (s, &t) in star.iter().enumerate() {
-            let k = node_position(mesh, t, i);
-            for (c, cell) in self.cells_of(t).enumerate() {
-                if self.cells[cell].mask >> k & 1 == 1 {
-                    parts.join(own, offset[s] + c);
-                }
-            }
-            for (face, &other) in mesh.neighbours()[t as usize].iter().enumerate() {
-                // Faces that hold the node, each once.
-                if face == k || other == NO_TET || other < t {
-                    continue;
-                }
-                let Some(so) = local(other) else { continue };
-                for n in TET_FACES[face].map(|l| mesh.tets()[t as usize][l]) {
-                    let a = self.position_of_node_cell(mesh, t, n);
-                    let b = self.position_of_node_cell(mesh, other, n);
-                    parts.join(offset[s] + a, offset[so] + b);
-                }
-            }
-        }
-        let home = parts.find(own);
+        let (offset, mut parts) = self.components_of_support(mesh, i);
+        let home = parts.find(parts.len() - 1);
         let mut numbered: Vec<(usize, u32)> = Vec::new();
         for (s, &t) in star.iter().enumerate() {
             let k = node_position(mesh, t, i);
@@ -151,22 +211,84 @@ impl Topology {
                     continue;
                 }
                 let known = numbered.iter().find(|n| n.0 == root).map(|n| n.1);
-                let e = known.unwrap_or(self.enriched_nodes.len() as u32);
-                if known.is_none() {
-                    self.enriched_nodes.push(i as u32);
+                let e = known.unwrap_or_else(|| {
+                    let above = self.cells[cell].enrichment[k];
+                    let is_taken = above == STANDARD || numbered.iter().any(|n| n.1 == above);
+                    let e = if is_taken {
+                        self.enriched_nodes.push(i as u32);
+                        self.parents.push(above);
+                        self.enriched_nodes.len() as u32 - 1
+                    } else {
+                        above
+                    };
                     numbered.push((root, e));
-                }
+                    e
+                });
                 self.cells[cell].enrichment[k] = e;
             }
         }
     }
 
-    /// Which of the cells of `t` holds node `n`, counted from its first.
-    fn position_of_node_cell(&self, mesh: &TetMesh, t: u32, n: u32) -> usize {
-        let k = node_position(mesh, t, n as usize);
+    /// Which cells around node `i` hang together. Cells count from the first of each tetrahedron of the star, whose offsets
+    /// come with them; the last member stands for the node itself.
+    fn components_of_support(&self, mesh: &TetMesh, i: usize) -> (Vec<usize>, UnionFind) {
+        let star = mesh.tets_of_node(i);
+        let mut offset = Vec::with_capacity(star.len() + 1);
+        let mut total = 0;
+        for &t in star {
+            offset.push(total);
+            total += self.cells_of(t).len();
+        }
+        let mut parts = UnionFind::new(total + 1);
+        for (s, &t) in star.iter().enumerate() {
+            let k = node_position(mesh, t, i);
+            parts.join(total, offset[s] + self.position_of_node_cell(t, k));
+            for (face, &other) in mesh.neighbours()[t as usize].iter().enumerate() {
+                // Faces that hold the node, each once.
+                if face == k || other == NO_TET || other < t {
+                    continue;
+                }
+                let Ok(so) = star.binary_search(&other) else {
+                    continue;
+                };
+                if !self.is_divided(t) && !self.is_divided(other) {
+                    parts.join(offset[s], offset[so]);
+                    continue;
+                }
+                for l in TET_FACES[face] {
+                    let n = mesh.tets()[t as usize][l] as usize;
+                    let a = self.position_of_node_cell(t, l);
+                    let b = self.position_of_node_cell(other, node_position(mesh, other, n));
+                    parts.join(offset[s] + a, offset[so] + b);
+                }
+            }
+        }
+        (offset, parts)
+    }
+
+    /// Which of the cells of `t` holds local node `k`, counted from its first.
+    fn position_of_node_cell(&self, t: u32, k: usize) -> usize {
         self.cells_of(t)
             .position(|c| self.cells[c].mask >> k & 1 == 1)
             .unwrap_or(0)
+    }
+}
+
+/// Enrichment `e` and all above it.
+pub(super) fn lineage(parents: &[u32], e: u32) -> impl Iterator<Item = u32> {
+    let some = |e: u32| (e != STANDARD).then_some(e);
+    std::iter::successors(some(e), move |e| some(parents[*e as usize]))
+}
+
+/// Hands the enrichments and volumes of a tetrahedron's old cells on to its new ones.
+fn inherit(old: &[Cell], new: &mut [Cell]) {
+    for cell in old {
+        let is_part = |c: &Cell| c.mask & cell.mask == c.mask;
+        let sum: f64 = new.iter().filter(|c| is_part(c)).map(|c| c.fraction).sum();
+        for part in new.iter_mut().filter(|c| is_part(c)) {
+            part.fraction *= cell.fraction / sum;
+            part.enrichment = cell.enrichment;
+        }
     }
 }
 

@@ -11,6 +11,16 @@ impl UnionFind {
         Self((0..n as u32).collect())
     }
 
+    /// Number of members of all sets.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// The smallest member of the set of `i`.
     pub fn find(&mut self, mut i: usize) -> usize {
         while self.0[i] as usize != i {

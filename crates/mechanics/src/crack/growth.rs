@@ -1,5 +1,7 @@
 //! How the explicit crack grows: stations advance, a strip of triangles joins the old front to the new one.
-use super::stress_intensity::{LEAST_INSIDE, Station};
+use super::cut_edges::CutEdges;
+use super::lead::Lead;
+use super::stress_intensity::Station;
 use super::surface::{CrackSurface, Front, Sheet};
 use crate::geometry::{TetLocator, TetMesh, TriMesh, Vec3};
 
@@ -29,7 +31,7 @@ impl GrowthLengths {
 
     /// How far cuts are led ahead of the front: the mechanical front lags the geometric one by this much.
     pub fn lead(&self) -> f64 {
-        0.85 * self.h
+        LEAD * self.h
     }
 
     /// A front that ends on another sheet ends this far beyond it, so that no pin-hole stays between them.
@@ -42,6 +44,12 @@ impl GrowthLengths {
         0.4 * self.h
     }
 }
+
+/// The lead in element sizes.
+///
+/// Measured on penny cracks in body-centred meshes: with elements cut by the centre of their polygon, the effective front then
+/// lies within .1 element sizes of the geometric one on average.
+const LEAD: f64 = 0.52;
 
 /// What drives a station, and where to.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,9 +123,7 @@ pub(super) fn smoothed(
         arc.push(arc[k - 1] + (stations[k].position - stations[k - 1].position).norm());
     }
     let round = arc[n - 1] + (stations[0].position - stations[n - 1].position).norm();
-    let trusted: Vec<usize> = (0..n)
-        .filter(|&k| stations[k].inside >= LEAST_INSIDE)
-        .collect();
+    let trusted: Vec<usize> = (0..n).filter(|&k| stations[k].is_trusted()).collect();
     let distance = |a: usize, b: usize| {
         let d = (arc[a] - arc[b]).abs();
         if closed { d.min(round - d) } else { d }
@@ -187,40 +193,46 @@ impl Surroundings<'_> {
         })
     }
 
-    /// The surface between a front and its lead.
-    pub fn lead_strip(
+    /// What is to be cut ahead of a front.
+    pub fn lead_ahead(
         &self,
         crack: &CrackSurface,
         sheet: usize,
         front: &[Vec3],
         directions: &[Vec3],
-    ) -> TriMesh {
-        let ahead: Vec<Vec3> = front
-            .iter()
-            .zip(directions)
-            .map(|(p, d)| p + d * self.lead(crack, sheet, p, d))
-            .collect();
-        let n = front.len() as u32;
-        let mut mesh = TriMesh {
-            vertices: front.to_vec(),
-            triangles: Vec::new(),
-        };
-        mesh.vertices.extend(ahead);
-        for k in 0..n.saturating_sub(1) {
-            mesh.triangles.push([k, n + k, n + k + 1]);
-            mesh.triangles.push([k, n + k + 1, k + 1]);
-        }
-        mesh
+    ) -> Lead {
+        let along = front.iter().zip(directions);
+        let lengths: Vec<f64> = along.map(|(p, d)| self.lead(crack, sheet, p, d)).collect();
+        Lead::new(front, directions, &lengths, self.lengths.h)
     }
 }
 
 /// One strip that was grown.
 #[derive(Clone, Debug, Default)]
 pub struct Strip {
-    /// The new triangles and those ahead of them that the lead cuts.
-    pub cut: TriMesh,
+    /// The new triangles.
+    pub grown: TriMesh,
+    /// What is to be cut ahead of them.
+    pub lead: Lead,
     /// Index of the first new triangle of the sheet.
     pub first_triangle: usize,
+}
+
+impl Strip {
+    /// Cuts the body along the strip and ahead of it; returns the edges newly cut.
+    pub fn cut(
+        &self,
+        cuts: &mut CutEdges,
+        mesh: &TetMesh,
+        locator: &TetLocator,
+        chip_nodes: usize,
+    ) -> Vec<u32> {
+        self.lead.seat(cuts, mesh, locator);
+        let mut fresh = cuts.cut(mesh, locator, &self.grown, chip_nodes);
+        fresh.extend(self.lead.cut(cuts, mesh, locator, chip_nodes));
+        fresh.sort_unstable();
+        fresh
+    }
 }
 
 /// Advances a front by `moves`, one a vertex; the sheet gains a strip for each run of moving vertices.
@@ -231,7 +243,8 @@ pub fn grow(
     around: &Surroundings,
 ) -> Strip {
     let first_triangle = crack.sheets[front.sheet].mesh.triangles.len();
-    let mut cut = TriMesh::default();
+    let mut grown = TriMesh::default();
+    let mut lead = Lead::default();
     for run in runs(front, moves, around.lengths.spacing * 0.05) {
         let target = new_front(crack, front, &run, moves, around);
         if target.points.len() < 2 {
@@ -242,13 +255,13 @@ pub fn grow(
         zip(&mut crack.sheets[front.sheet].mesh, &run.vertices, &new);
         let mesh = &crack.sheets[front.sheet].mesh;
         for t in strip_start..mesh.triangles.len() {
-            push_triangle(&mut cut, mesh.corners(t));
+            push_triangle(&mut grown, mesh.corners(t));
         }
-        let lead = around.lead_strip(crack, front.sheet, &target.points, &target.directions);
-        cut.append(&lead);
+        lead.append(&around.lead_ahead(crack, front.sheet, &target.points, &target.directions));
     }
     Strip {
-        cut,
+        grown,
+        lead,
         first_triangle,
     }
 }

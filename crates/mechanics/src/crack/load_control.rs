@@ -2,7 +2,7 @@
 use super::body::EvaluatedFront;
 use super::criterion::StressIntensity;
 use super::growth::{self, Drive, GrowthLengths, smoothed};
-use super::stress_intensity::{LEAST_INSIDE, Station};
+use super::stress_intensity::Station;
 use crate::geometry::Vec3;
 
 /// How the direction of growth is chosen and its strength judged.
@@ -95,7 +95,7 @@ impl FrontDrives {
                 .collect();
             let own = f.stations.iter().zip(&raw);
             drives.strongest = own
-                .filter(|(s, _)| s.inside >= LEAST_INSIDE)
+                .filter(|(s, _)| s.is_trusted())
                 .map(|(_, d)| d.ratio)
                 .fold(drives.strongest, f64::max);
             drives

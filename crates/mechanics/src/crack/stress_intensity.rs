@@ -1,15 +1,29 @@
 //! Energy release rate and stress intensity factors along a crack front, by domain integrals.
 //!
 //! Both integrals are sums of nodal values times nodal vectors of the virtual extension q, because q is interpolated
-//! linearly: J = sum_a q_a . C_a with the configurational force C_a = sum_tets V f ((grad u)^T sigma - W I) grad N_a.
-//! q is the front's advance direction times a plateau weight of the distance to the front (1 closer than 1 h, 0 beyond
-//! 2 h: inside the plateau the coarse field near the front does not enter) times a hat along the front.
+//! linearly: J = sum_a q_a . C_a with the configurational force C_a = sum_tets V f ((grad u)^T sigma - W I) grad N_a, and
+//! likewise for the interaction with the field of a unit stress intensity. q is the front's advance direction times a plateau
+//! weight of the distance to the front (1 closer than 1 h, 0 beyond 2 h: inside the plateau the coarse field near the front
+//! does not enter) times a hat along the front.
+//!
+//! - Centre: the effective front, where the crack's area counted as far as it is free to open ends.
+//! - Auxiliary fields: Williams' in the frame of the nearest point of the front, with the terms of its in-plane curvature
+//!   (Gosz & Moran 1998): stresses as at a straight front, strains by Hooke's law, displacements turned with the frame.
+//! - Loads inside the domain: - int t . (grad u q), and its twin for the auxiliary field.
+//! - Faces of this or another sheet that q crosses (behind a kink, at a junction): + int W q . n over both faces, n out of the
+//!   body, and its twin.
+//! - Material: the interaction integral takes the mean over the station's domain for the auxiliary field and each element's
+//!   own for the real one. In an inhomogeneous body K_I : K_II : K_III are therefore those of a homogeneous body of the mean
+//!   material near the front; terms of the gradient of E are left out.
 use super::criterion::StressIntensity;
+use super::cut_edges::CutEdges;
+use super::cut_polygon::cut_polygon;
 use super::enrichment::Topology;
-use super::surface::{Front, Sheet};
+use super::front::{FrontLine, LocalFrame, NearNode, Place};
+use super::surface::{CrackSurface, Front, Sheet};
 use super::system::System;
 use crate::bone::{Lame, TetMaterial, stiffness};
-use crate::geometry::{Aabb, TetLocator, TetMesh, Vec3};
+use crate::geometry::{TetLocator, TetMesh, Vec3};
 use nalgebra::Matrix3;
 
 /// A force \[N\] on the bone at a point of a cell.
@@ -32,6 +46,8 @@ pub struct Fields<'a> {
     pub locator: &'a TetLocator,
     /// Material of each tetrahedron.
     pub materials: &'a [TetMaterial],
+    /// What the crack has cut.
+    pub cuts: &'a CutEdges,
     /// Its cells.
     pub topology: &'a Topology,
     /// Its equations.
@@ -59,303 +75,94 @@ pub struct Station {
     pub material: TetMaterial,
     /// Share of the station's hat that lies inside the body; below [`LEAST_INSIDE`] the values are not to be trusted.
     pub inside: f64,
+    /// 1 if no other front is near; below [`LEAST_CLEAR`] another front's field enters the domain.
+    pub clear: f64,
+    /// How far the effective front lies ahead of the geometric one \[mm\].
+    pub offset: f64,
 }
 
 /// Stations with a smaller share of their hat inside the body carry no values of their own.
 pub const LEAST_INSIDE: f64 = 0.3;
+/// Stations whose own place is less clear of other fronts carry no values of their own.
+pub const LEAST_CLEAR: f64 = 0.5;
 /// Inner and outer radius of the plateau, in element sizes.
 const PLATEAU: [f64; 2] = [1.0, 2.0];
 /// Half width of the hat along the front, in element sizes: a wider one smooths, a narrower one scatters by 20 % and more.
 const HAT: f64 = 2.0;
+/// Closer behind the front than this, in element sizes, a load on a face meets the mean of the auxiliary field over that stretch:
+/// single points would sample the field's singularity by chance.
+const LOAD_CORE: f64 = 0.5;
+/// Another front's q is 0 closer than the first and unhindered beyond the second distance, in element sizes.
+const OTHER_FRONT: [f64; 2] = [0.5, 1.5];
 
 impl Station {
     /// Right-handed frame (q, n, t = q x n) as columns.
     pub fn frame(&self) -> Matrix3<f64> {
         Matrix3::from_columns(&[self.advance, self.normal, self.advance.cross(&self.normal)])
     }
+
+    /// Whether its values are its own.
+    pub fn is_trusted(&self) -> bool {
+        self.inside >= LEAST_INSIDE && self.clear >= LEAST_CLEAR
+    }
 }
 
-/// Evaluates G and K at each vertex of a front.
+/// Evaluates G and K at each vertex of each front.
 ///
-/// `h`: element size near the front \[mm\]. K is computed where G exceeds `k_from` times the least toughness, and zero
-/// elsewhere. Accuracy: `tests/penny_crack.rs`.
+/// `h`: element size near the fronts \[mm\]. K is computed where G exceeds `k_from` times the least toughness, and zero
+/// elsewhere. Costs in proportion to the elements within 2 h of the fronts. Accuracy: `tests/penny_crack.rs`.
 pub fn evaluate(
     fields: &Fields,
-    sheet: &Sheet,
-    front: &Front,
+    crack: &CrackSurface,
+    fronts: &[Front],
     h: f64,
     k_from: f64,
-) -> Vec<Station> {
-    let line = FrontLine::new(sheet, front, h);
-    let near = line.nearby_nodes(fields, PLATEAU[1] * h);
-    let inside = line.inside_share(fields, HAT * h);
-    let tets = tets_of(fields.mesh, &near);
-    let states: Vec<CellState> = tets
+) -> Vec<Vec<Station>> {
+    let geometric = fronts
         .iter()
-        .flat_map(|&t| cell_states(fields, &near, t))
+        .map(|f| FrontLine::new(&crack.sheets[f.sheet], f, h));
+    let mut offsets = Vec::new();
+    let lines: Vec<FrontLine> = geometric
+        .map(|line| {
+            let tets = line.tets_near(fields, 1.5 * h);
+            let ahead = line.effective_offsets(fields, &tets, h);
+            offsets.push(ahead.clone());
+            line.moved(&ahead)
+        })
         .collect();
-    let forces = configurational_forces(fields, &states, &near);
-    line.points
-        .iter()
-        .enumerate()
-        .map(|(k, p)| {
-            let hat = |s: f64| line.hat(s, line.arc[k], HAT * h);
-            let extension: Vec<Vec3> = near
-                .iter()
-                .map(|n| line.advance_at(n.s) * (plateau(n.r, h) * hat(n.s)))
-                .collect();
-            let material = mean_material(fields, &states, &extension);
-            let mut station = Station {
-                position: *p,
-                advance: line.advance[k],
-                normal: line.normal[k],
-                k: StressIntensity::default(),
-                g: 0.0,
-                material,
-                inside: inside[k].0,
-            };
-            let length = inside[k].1;
-            if length > 0.0 {
-                station.g = extension
-                    .iter()
-                    .zip(&forces)
-                    .map(|(q, c)| q.dot(c))
-                    .sum::<f64>()
-                    / length;
+    (0..lines.len())
+        .map(|k| {
+            let mut stations = Domain::new(fields, &lines, k, h).stations(k_from);
+            for (station, ahead) in stations.iter_mut().zip(&offsets[k]) {
+                station.position -= station.advance * *ahead;
+                station.offset = *ahead;
             }
-            if length > 0.0
-                && station.g > k_from * material.toughness_along.min(material.toughness_across)
-            {
-                station.k = interaction(
-                    fields,
-                    &states,
-                    &near,
-                    &extension,
-                    &station,
-                    &material.lame(),
-                    length,
-                );
-            }
-            station
+            stations
         })
         .collect()
 }
 
-/// Positions of a front's vertices and their outward directions q, as [`evaluate`] uses them.
+/// Positions of a front's vertices and their outward directions q, as [`evaluate`] uses them; a closed front ends where it began.
 pub fn front_frames(sheet: &Sheet, front: &Front, h: f64) -> (Vec<Vec3>, Vec<Vec3>) {
-    let line = FrontLine::new(sheet, front, h);
+    let mut line = FrontLine::new(sheet, front, h);
+    if front.closed {
+        line.points.push(line.points[0]);
+        line.advance.push(line.advance[0]);
+    }
     (line.points, line.advance)
 }
 
-fn plateau(r: f64, h: f64) -> f64 {
-    ((PLATEAU[1] - r / h) / (PLATEAU[1] - PLATEAU[0])).clamp(0.0, 1.0)
-}
-
-/// A front as a smooth curve with frames.
-struct FrontLine {
-    points: Vec<Vec3>,
-    arc: Vec<f64>,
-    advance: Vec<Vec3>,
-    normal: Vec<Vec3>,
-    closed_length: Option<f64>,
-}
-
-/// A node near the front: distance and place along it.
-struct NearNode {
-    node: u32,
-    r: f64,
-    s: f64,
-}
-
-impl FrontLine {
-    fn new(sheet: &Sheet, front: &Front, h: f64) -> Self {
-        let points: Vec<Vec3> = front
-            .vertices
-            .iter()
-            .map(|&v| sheet.mesh.vertices[v as usize])
-            .collect();
-        let n = points.len();
-        let mut arc = vec![0.0];
-        for k in 1..n {
-            arc.push(arc[k - 1] + (points[k] - points[k - 1]).norm());
-        }
-        let closed_length = front
-            .closed
-            .then(|| arc[n - 1] + (points[0] - points[n - 1]).norm());
-        let mut line = Self {
-            points,
-            arc,
-            advance: Vec::new(),
-            normal: Vec::new(),
-            closed_length,
-        };
-        line.set_frames(sheet, front, h);
-        line
-    }
-
-    /// Normals from the triangles at the front, averaged over about one element size; q from the chord.
-    fn set_frames(&mut self, sheet: &Sheet, front: &Front, h: f64) {
-        let n = self.points.len();
-        let mut raw = vec![Vec3::zeros(); n];
-        let place: rustc_hash::FxHashMap<u32, usize> = front
-            .vertices
-            .iter()
-            .enumerate()
-            .map(|(k, v)| (*v, k))
-            .collect();
-        for (t, triangle) in sheet.mesh.triangles.iter().enumerate() {
-            // Only triangles with an edge on the front say which way the crack is heading.
-            let on_front: Vec<usize> = triangle
-                .iter()
-                .filter_map(|v| place.get(v).copied())
-                .collect();
-            let neighbours =
-                |a: usize, b: usize| a.abs_diff(b) == 1 || (front.closed && a.abs_diff(b) == n - 1);
-            if on_front.len() >= 2 && neighbours(on_front[0], on_front[1]) {
-                on_front
-                    .iter()
-                    .for_each(|&k| raw[k] += sheet.mesh.area_normal(t));
-            }
-        }
-        let unit = |v: Vec3| v.try_normalize(1e-12).unwrap_or_else(Vec3::zeros);
-        let raw: Vec<Vec3> = raw.into_iter().map(unit).collect();
-        for k in 0..n {
-            let weight = |j: usize| self.hat(self.arc[j], self.arc[k], 1.5 * h).max(1e-6);
-            let normal = unit((0..n).map(|j| raw[j] * weight(j)).sum());
-            let chord: Vec3 = (0..n).map(|j| self.direction(j) * weight(j)).sum();
-            self.advance.push(unit(chord.cross(&normal)));
-            self.normal.push(normal);
-        }
-    }
-
-    fn direction(&self, k: usize) -> Vec3 {
-        let n = self.points.len();
-        let closed = self.closed_length.is_some();
-        let before = if k > 0 {
-            k - 1
-        } else if closed {
-            n - 1
-        } else {
-            0
-        };
-        let after = if k + 1 < n {
-            k + 1
-        } else if closed {
-            0
-        } else {
-            n - 1
-        };
-        (self.points[after] - self.points[before])
-            .try_normalize(1e-12)
-            .unwrap_or_else(Vec3::zeros)
-    }
-
-    fn hat(&self, s: f64, at: f64, half_width: f64) -> f64 {
-        let mut d = (s - at).abs();
-        if let Some(length) = self.closed_length {
-            d = d.min(length - d);
-        }
-        (1.0 - d / half_width).max(0.0)
-    }
-
-    fn advance_at(&self, s: f64) -> Vec3 {
-        let n = self.points.len();
-        let k = self.arc.partition_point(|a| *a <= s).clamp(1, n) - 1;
-        let (after, end) = if k + 1 < n {
-            (k + 1, self.arc[k + 1])
-        } else {
-            (0, self.closed_length.unwrap_or(self.arc[k]))
-        };
-        let w = if end > self.arc[k] {
-            ((s - self.arc[k]) / (end - self.arc[k])).clamp(0.0, 1.0)
-        } else {
-            0.0
-        };
-        (self.advance[k] * (1.0 - w) + self.advance[after] * w)
-            .try_normalize(1e-12)
-            .unwrap_or(self.advance[k])
-    }
-
-    fn segments(&self) -> impl Iterator<Item = (Vec3, Vec3, f64)> {
-        let n = self.points.len();
-        let last = if self.closed_length.is_some() {
-            n
-        } else {
-            n - 1
-        };
-        (0..last).map(move |k| (self.points[k], self.points[(k + 1) % n], self.arc[k]))
-    }
-
-    /// Distance to the front and arc length of the nearest point.
-    fn project(&self, p: &Vec3) -> (f64, f64) {
-        let mut best = (f64::INFINITY, 0.0);
-        for (a, b, s) in self.segments() {
-            let d = b - a;
-            let w = ((p - a).dot(&d) / d.norm_squared().max(1e-18)).clamp(0.0, 1.0);
-            let r = (a + d * w - p).norm();
-            if r < best.0 {
-                best = (r, s + w * d.norm());
-            }
-        }
-        best
-    }
-
-    fn nearby_nodes(&self, fields: &Fields, reach: f64) -> Vec<NearNode> {
-        let region = Aabb::around(&self.points).grown(reach);
-        let nodes = fields
-            .mesh
-            .nodes()
-            .iter()
-            .enumerate()
-            .filter(|(_, p)| region.contains(p));
-        nodes
-            .map(|(i, p)| {
-                let (r, s) = self.project(p);
-                NearNode {
-                    node: i as u32,
-                    r,
-                    s,
-                }
-            })
-            .filter(|n| n.r < reach)
-            .collect()
-    }
-
-    /// For each vertex: share of its hat inside the body, and the integral of the hat there \[mm\].
-    fn inside_share(&self, fields: &Fields, half_width: f64) -> Vec<(f64, f64)> {
-        const SAMPLES: usize = 4;
-        let mut samples = Vec::new();
-        for (a, b, s) in self.segments() {
-            let d = b - a;
-            for k in 0..SAMPLES {
-                let w = (k as f64 + 0.5) / SAMPLES as f64;
-                let is_in = fields.locator.find(fields.mesh, &(a + d * w)).is_some();
-                samples.push((s + w * d.norm(), d.norm() / SAMPLES as f64, is_in));
-            }
-        }
-        self.arc
-            .iter()
-            .map(|&at| {
-                let part = |only_in: bool| -> f64 {
-                    let counted = samples.iter().filter(|x| x.2 || !only_in);
-                    counted.map(|x| x.1 * self.hat(x.0, at, half_width)).sum()
-                };
-                let (all, inside) = (part(false), part(true));
-                (if all > 0.0 { inside / all } else { 0.0 }, inside)
-            })
-            .collect()
-    }
-}
-
-fn tets_of(mesh: &TetMesh, near: &[NearNode]) -> Vec<u32> {
-    let mut tets: Vec<u32> = near
-        .iter()
-        .flat_map(|n| mesh.tets_of_node(n.node as usize))
-        .copied()
-        .collect();
-    tets.sort_unstable();
-    tets.dedup();
-    tets
+/// What surrounds one front.
+struct Domain<'a> {
+    fields: &'a Fields<'a>,
+    line: &'a FrontLine,
+    h: f64,
+    near: Vec<NearNode>,
+    /// q of each nearby node but for the hat.
+    extension: Vec<Vec3>,
+    states: Vec<CellState>,
+    faces: Vec<FaceState>,
+    clear: Vec<f64>,
 }
 
 /// The fields of one cell: constant in a linear tetrahedron.
@@ -364,272 +171,605 @@ struct CellState {
     /// Where the four nodes are in the list of nearby nodes.
     places: [Option<u32>; 4],
     volume: f64,
-    centre: Vec3,
-    /// Mean of the nodes on the cell's own side minus the tetrahedron's centre: which side of the crack this is.
-    side: Option<Vec3>,
     grad_u: Matrix3<f64>,
     stress: Matrix3<f64>,
+    /// Where its centre is, and on which side of the crack.
+    at: Option<(Place, LocalFrame, Side)>,
 }
 
-fn cell_states<'a>(
-    fields: &'a Fields,
-    near: &[NearNode],
-    t: u32,
-) -> impl Iterator<Item = CellState> + use<'a> {
-    let place = |n: u32| {
-        near.binary_search_by_key(&n, |x| x.node)
-            .ok()
-            .map(|p| p as u32)
-    };
-    let places = fields.mesh.tets()[t as usize].map(place);
-    let corners = fields.mesh.corners(t as usize);
-    let middle: Vec3 = corners.iter().sum::<Vec3>() / 4.0;
-    let divided = fields.topology.is_divided(t);
-    fields.topology.cells_of(t).map(move |c| {
-        let cell = &fields.topology.cells()[c];
-        let u = fields
-            .system
-            .cell_displacements(fields.mesh, cell, fields.x);
-        let grad_u = stiffness::displacement_gradient(&fields.mesh.gradients()[t as usize], &u);
-        let own = (0..4)
-            .filter(|k| cell.mask >> k & 1 == 1)
-            .map(|k| corners[k])
-            .sum::<Vec3>()
-            / f64::from(cell.mask.count_ones());
-        CellState {
-            tet: t,
-            places,
-            volume: fields.mesh.volumes()[t as usize] * cell.fraction,
-            centre: if divided {
+/// Which face of the crack a point behind the front belongs to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Side {
+    Above,
+    Below,
+    /// As its position says.
+    Plain,
+}
+
+/// A piece of the crack's face that does not lie in the plane of the front, seen from one cell.
+struct FaceState {
+    /// Its cell in the list of states.
+    state: usize,
+    centre: Vec3,
+    weights: [f64; 4],
+    /// Out of the cell, as long as the piece's area.
+    outward: Vec3,
+}
+
+fn plateau(r: f64, h: f64) -> f64 {
+    ((PLATEAU[1] - r / h) / (PLATEAU[1] - PLATEAU[0])).clamp(0.0, 1.0)
+}
+
+/// 0 at another front, 1 where it is far.
+fn clearance(lines: &[FrontLine], own: usize, p: &Vec3, h: f64) -> f64 {
+    let others = lines.iter().enumerate().filter(|(k, _)| *k != own);
+    let nearest = others
+        .filter_map(|(_, l)| l.project(p, OTHER_FRONT[1] * h))
+        .map(|(r, _)| r / h)
+        .fold(OTHER_FRONT[1], f64::min);
+    ((nearest - OTHER_FRONT[0]) / (OTHER_FRONT[1] - OTHER_FRONT[0])).clamp(0.0, 1.0)
+}
+
+impl<'a> Domain<'a> {
+    fn new(fields: &'a Fields, lines: &'a [FrontLine], own: usize, h: f64) -> Self {
+        let line = &lines[own];
+        let reach = PLATEAU[1] * h;
+        let candidates = line.tets_near(fields, reach);
+        let near = line.nodes_near(fields.mesh, &candidates, reach);
+        let weight = |n: &NearNode| {
+            plateau(n.r, h) * clearance(lines, own, &fields.mesh.nodes()[n.node as usize], h)
+        };
+        let extension: Vec<Vec3> = near
+            .iter()
+            .map(|n| line.frame_at(n.s).advance * weight(n))
+            .collect();
+        let is_near = |n: &u32| near.binary_search_by_key(n, |x| x.node).is_ok();
+        let tets: Vec<u32> = candidates
+            .into_iter()
+            .filter(|&t| fields.mesh.tets()[t as usize].iter().any(is_near))
+            .collect();
+        let mut domain = Self {
+            clear: line
+                .points
+                .iter()
+                .map(|p| clearance(lines, own, p, h))
+                .collect(),
+            fields,
+            line,
+            h,
+            near,
+            extension,
+            states: Vec::new(),
+            faces: Vec::new(),
+        };
+        for t in tets {
+            domain.push_states(t);
+        }
+        domain.set_sides();
+        domain
+    }
+
+    fn push_states(&mut self, t: u32) {
+        let fields = self.fields;
+        let nodes = &fields.mesh.tets()[t as usize];
+        let place = |n: u32| self.near.binary_search_by_key(&n, |x| x.node).ok();
+        let places = nodes.map(|n| place(n).map(|p| p as u32));
+        let corners = fields.mesh.corners(t as usize);
+        let middle: Vec3 = corners.iter().sum::<Vec3>() / 4.0;
+        let divided = fields.topology.is_divided(t);
+        for c in fields.topology.cells_of(t) {
+            let cell = &fields.topology.cells()[c];
+            let u = fields
+                .system
+                .cell_displacements(fields.mesh, cell, fields.x);
+            let grad_u = stiffness::displacement_gradient(&fields.mesh.gradients()[t as usize], &u);
+            let own: Vec3 = mean_of(&corners, cell.mask);
+            let centre = if divided {
                 (middle + own) * 0.5
             } else {
                 middle
-            },
-            side: divided.then(|| own - middle),
-            grad_u,
-            stress: stiffness::stress(&fields.materials[t as usize].lame(), &grad_u),
-        }
-    })
-}
-
-/// Adds V M grad N_a to the list of nearby nodes.
-fn add_on_nodes(fields: &Fields, state: &CellState, m: &Matrix3<f64>, sum: &mut [Vec3]) {
-    let gradients = &fields.mesh.gradients()[state.tet as usize];
-    for (place, gradient) in state.places.iter().zip(gradients) {
-        if let Some(p) = place {
-            sum[*p as usize] += m * gradient * state.volume;
+            };
+            let at = self
+                .line
+                .place(&centre, 2.0 * PLATEAU[1] * self.h)
+                .map(|(p, f)| {
+                    let side = match (own - middle).dot(&f.normal) {
+                        _ if !divided => Side::Plain,
+                        d if d < 0.0 => Side::Below,
+                        _ => Side::Above,
+                    };
+                    (p, f, side)
+                });
+            if divided {
+                self.push_faces(cell, &own);
+            }
+            self.states.push(CellState {
+                tet: t,
+                places,
+                volume: fields.mesh.volumes()[t as usize] * cell.fraction,
+                grad_u,
+                stress: stiffness::stress(&fields.materials[t as usize].lame(), &grad_u),
+                at,
+            });
         }
     }
-}
 
-fn configurational_forces(fields: &Fields, states: &[CellState], near: &[NearNode]) -> Vec<Vec3> {
-    let mut c = vec![Vec3::zeros(); near.len()];
-    for s in states {
-        let w = stiffness::energy_density(&s.stress, &s.grad_u);
-        let m = s.grad_u.transpose() * s.stress - Matrix3::from_diagonal_element(w);
-        add_on_nodes(fields, s, &m, &mut c);
-    }
-    // Loads inside the domain: - int t . (grad u q).
-    for_loads(fields, near, |p, weight, grad_u, force| {
-        c[p] -= grad_u.transpose() * force * weight;
-    });
-    c
-}
-
-/// Calls `f(position in near, shape function, displacement gradient, force)` for each load and node near the front.
-fn for_loads(
-    fields: &Fields,
-    near: &[NearNode],
-    mut f: impl FnMut(usize, f64, &Matrix3<f64>, &Vec3),
-) {
-    for load in fields.loads {
-        let cell = &fields.topology.cells()[load.cell as usize];
-        let nodes = &fields.mesh.tets()[cell.tet as usize];
-        let places = nodes.map(|n| near.binary_search_by_key(&n, |x| x.node).ok());
-        if places.iter().all(Option::is_none) {
-            continue;
+    /// The faces of a cell that q crosses; those in the front's plane count nothing.
+    fn push_faces(&mut self, cell: &super::enrichment::Cell, own: &Vec3) {
+        let mesh = self.fields.mesh;
+        let corners = cut_polygon(mesh, self.fields.cuts, cell);
+        let centre = corners.iter().sum::<Vec3>() / corners.len() as f64;
+        for k in 0..corners.len() {
+            let (a, b) = (corners[k], corners[(k + 1) % corners.len()]);
+            let at = (a + b + centre) / 3.0;
+            let Some((place, frame)) = self.line.place(&at, PLATEAU[1] * self.h) else {
+                continue;
+            };
+            let mut outward = (a - centre).cross(&(b - centre)) * 0.5;
+            if outward.dot(&(own - centre)) > 0.0 {
+                outward = -outward;
+            }
+            let steep = outward.dot(&frame.advance).abs() > 0.15 * outward.norm();
+            if steep || place.y.abs() > 0.15 * self.h {
+                self.faces.push(FaceState {
+                    state: self.states.len(),
+                    centre: at,
+                    weights: mesh.barycentric(cell.tet as usize, &at),
+                    outward,
+                });
+            }
         }
-        let u = fields
-            .system
-            .cell_displacements(fields.mesh, cell, fields.x);
-        let grad_u =
-            stiffness::displacement_gradient(&fields.mesh.gradients()[cell.tet as usize], &u);
-        for (place, w) in places.iter().zip(&load.weights) {
+    }
+
+    /// Behind a kink an undivided element's side follows from the nearest face, not from the front's plane.
+    fn set_sides(&mut self) {
+        let mut behind: Vec<(Vec3, Vec3)> = Vec::new();
+        for f in &self.faces {
+            let Some((_, frame, side)) = self.states[f.state].at else {
+                continue;
+            };
+            // Upwards, as the cell below sees it.
+            if side == Side::Below && f.outward.dot(&frame.normal) > 0.3 * f.outward.norm() {
+                behind.push((f.centre, f.outward));
+            }
+        }
+        if behind.is_empty() {
+            return;
+        }
+        for s in &mut self.states {
+            let Some((place, _, side)) = &mut s.at else {
+                continue;
+            };
+            if *side != Side::Plain || place.x >= 0.0 || place.y.abs() > -1.5 * place.x {
+                continue;
+            }
+            let corners = self.fields.mesh.corners(s.tet as usize);
+            let centre = corners.iter().sum::<Vec3>() / 4.0;
+            let nearest = behind.iter().min_by(|a, b| {
+                let d = |f: &(Vec3, Vec3)| (f.0 - centre).norm_squared();
+                d(a).total_cmp(&d(b))
+            });
+            if let Some((p, up)) = nearest {
+                *side = if (centre - p).dot(up) < 0.0 {
+                    Side::Below
+                } else {
+                    Side::Above
+                };
+            }
+        }
+    }
+
+    fn stations(&self, k_from: f64) -> Vec<Station> {
+        let line = self.line;
+        let inside = line.inside_share(self.fields, HAT * self.h);
+        let mut by_arc: Vec<usize> = (0..self.near.len()).collect();
+        by_arc.sort_by(|a, b| self.near[*a].s.total_cmp(&self.near[*b].s).then(a.cmp(b)));
+        let forces = self.configurational_forces();
+        let materials = self.mean_materials();
+        let mut stations: Vec<Station> = (0..line.points.len())
+            .map(|k| Station {
+                position: line.points[k],
+                advance: line.advance[k],
+                normal: line.normal[k],
+                k: StressIntensity::default(),
+                g: self.sum(
+                    k,
+                    inside[k].1,
+                    |n| self.extension[n].dot(&forces[n]),
+                    &by_arc,
+                ),
+                material: materials[k],
+                inside: inside[k].0,
+                clear: self.clear[k],
+                offset: 0.0,
+            })
+            .collect();
+        let is_driven = |s: &Station| {
+            s.g > k_from * s.material.toughness_along.min(s.material.toughness_across)
+        };
+        if !stations.iter().any(is_driven) {
+            return stations;
+        }
+        let interaction = self.interaction_forces(&materials);
+        for (k, s) in stations
+            .iter_mut()
+            .enumerate()
+            .filter(|(_, s)| is_driven(s))
+        {
+            let mode = |m: usize| {
+                self.sum(
+                    k,
+                    inside[k].1,
+                    |n| self.extension[n].dot(&interaction[n][m]),
+                    &by_arc,
+                )
+            };
+            let (e, mu) = (s.material.plane_strain_modulus(), s.material.lame().mu);
+            s.k = StressIntensity {
+                k1: 0.5 * e * mode(0),
+                k2: 0.5 * e * mode(1),
+                k3: mu * mode(2),
+            };
+        }
+        stations
+    }
+
+    /// Sum over the nodes within the hat of vertex `k`, a unit of front length.
+    fn sum(&self, k: usize, length: f64, value: impl Fn(usize) -> f64, by_arc: &[usize]) -> f64 {
+        if length <= 0.0 {
+            return 0.0;
+        }
+        let (at, half_width) = (self.line.arc[k], HAT * self.h);
+        let s_of = |i: &usize| self.near[*i].s;
+        let turn = self.line.closed_length;
+        let shifts = [Some(0.0), turn, turn.map(|l| -l)];
+        let mut sum = 0.0;
+        for shift in shifts.into_iter().flatten() {
+            let from = by_arc.partition_point(|i| s_of(i) <= at + shift - half_width);
+            let to = by_arc.partition_point(|i| s_of(i) < at + shift + half_width);
+            for &n in &by_arc[from..to] {
+                sum += value(n) * (1.0 - (s_of(&n) - at - shift).abs() / half_width);
+            }
+        }
+        sum / length
+    }
+
+    /// Adds V M grad N_a to the sums of nearby nodes.
+    fn add_on_nodes(&self, state: &CellState, m: &Matrix3<f64>, mut add: impl FnMut(usize, Vec3)) {
+        let gradients = &self.fields.mesh.gradients()[state.tet as usize];
+        for (place, gradient) in state.places.iter().zip(gradients) {
             if let Some(p) = place {
-                f(*p, *w, &grad_u, &load.force);
+                add(*p as usize, m * gradient * state.volume);
+            }
+        }
+    }
+
+    fn configurational_forces(&self) -> Vec<Vec3> {
+        let mut c = vec![Vec3::zeros(); self.near.len()];
+        let density = |s: &CellState| stiffness::energy_density(&s.stress, &s.grad_u);
+        for s in &self.states {
+            let m = s.grad_u.transpose() * s.stress - Matrix3::from_diagonal_element(density(s));
+            self.add_on_nodes(s, &m, |p, v| c[p] += v);
+        }
+        for f in &self.faces {
+            let s = &self.states[f.state];
+            for (place, w) in s.places.iter().zip(f.weights) {
+                if let Some(p) = place {
+                    c[*p as usize] += f.outward * (w * density(s));
+                }
+            }
+        }
+        self.for_loads(|p, weight, grad_u, load| {
+            c[p] -= grad_u.transpose() * load.force * weight;
+        });
+        c
+    }
+
+    /// Calls `f(position in near, shape function, displacement gradient, load)` for each load and node near the front.
+    fn for_loads(&self, mut f: impl FnMut(usize, f64, &Matrix3<f64>, &CellForce)) {
+        let fields = self.fields;
+        for load in fields.loads {
+            let cell = &fields.topology.cells()[load.cell as usize];
+            let nodes = &fields.mesh.tets()[cell.tet as usize];
+            let places = nodes.map(|n| self.near.binary_search_by_key(&n, |x| x.node).ok());
+            if places.iter().all(Option::is_none) {
+                continue;
+            }
+            let u = fields
+                .system
+                .cell_displacements(fields.mesh, cell, fields.x);
+            let grad_u =
+                stiffness::displacement_gradient(&fields.mesh.gradients()[cell.tet as usize], &u);
+            for (place, w) in places.iter().zip(&load.weights) {
+                if let Some(p) = place {
+                    f(*p, *w, &grad_u, load);
+                }
+            }
+        }
+    }
+
+    /// Material near each vertex: mean over its domain, weighted by volume and hat.
+    fn mean_materials(&self) -> Vec<TetMaterial> {
+        let mut sums = vec![MaterialSum::default(); self.line.points.len()];
+        for s in &self.states {
+            let weight: f64 = s
+                .places
+                .iter()
+                .flatten()
+                .map(|p| self.extension[*p as usize].norm())
+                .sum();
+            let Some((place, _, _)) = &s.at else { continue };
+            for k in self.line.vertices_within(place.s, HAT * self.h) {
+                let hat = self.line.hat(place.s, self.line.arc[k], HAT * self.h);
+                sums[k].add(
+                    &self.fields.materials[s.tet as usize],
+                    weight * hat * s.volume,
+                );
+            }
+        }
+        sums.iter()
+            .map(|s| s.mean(&self.fields.materials[0]))
+            .collect()
+    }
+
+    /// The nodal vectors of the interaction with unit K_I, K_II and K_III.
+    fn interaction_forces(&self, materials: &[TetMaterial]) -> Vec<[Vec3; 3]> {
+        let mut c = vec![[Vec3::zeros(); 3]; self.near.len()];
+        let lame_at = |s: f64| {
+            let (a, b, w) = self.line.between(s);
+            let (a, b) = (materials[a].lame(), materials[b].lame());
+            Lame {
+                lambda: a.lambda * (1.0 - w) + b.lambda * w,
+                mu: a.mu * (1.0 - w) + b.mu * w,
+            }
+        };
+        for s in &self.states {
+            let Some((place, frame, side)) = &s.at else {
+                continue;
+            };
+            for (mode, aux) in auxiliary(place, frame, *side, &lame_at(place.s))
+                .iter()
+                .enumerate()
+            {
+                let density = s.stress.dot(&aux.strain);
+                let m = aux.grad_u.transpose() * s.stress + s.grad_u.transpose() * aux.stress
+                    - Matrix3::from_diagonal_element(density);
+                self.add_on_nodes(s, &m, |p, v| c[p][mode] += v);
+                // Out-of-balance and incompatibility of the auxiliary field at a curved front.
+                let along = frame.advance * s.stress.dot(&aux.misfit_slope);
+                let volume = (s.grad_u.transpose() * aux.body_force + along) * (0.25 * s.volume);
+                for p in s.places.iter().flatten() {
+                    c[*p as usize][mode] += volume;
+                }
+            }
+        }
+        for f in &self.faces {
+            let s = &self.states[f.state];
+            let Some((place, frame)) = self.line.place(&f.centre, PLATEAU[1] * self.h) else {
+                continue;
+            };
+            let side = s.at.map_or(Side::Plain, |a| a.2);
+            for (mode, aux) in auxiliary(&place, &frame, side, &lame_at(place.s))
+                .iter()
+                .enumerate()
+            {
+                let v = f.outward * s.stress.dot(&aux.strain)
+                    - s.grad_u.transpose() * (aux.stress * f.outward);
+                for (place, w) in s.places.iter().zip(f.weights) {
+                    if let Some(p) = place {
+                        c[*p as usize][mode] += v * w;
+                    }
+                }
+            }
+        }
+        self.add_load_interaction(&lame_at, &mut c);
+        c
+    }
+
+    fn add_load_interaction(&self, lame_at: &impl Fn(f64) -> Lame, c: &mut [[Vec3; 3]]) {
+        let fields = self.fields;
+        for load in fields.loads {
+            let cell = &fields.topology.cells()[load.cell as usize];
+            let nodes = &fields.mesh.tets()[cell.tet as usize];
+            let places = nodes.map(|n| self.near.binary_search_by_key(&n, |x| x.node).ok());
+            if places.iter().all(Option::is_none) {
+                continue;
+            }
+            let corners = fields.mesh.corners(cell.tet as usize);
+            let point: Vec3 = (0..4).map(|k| corners[k] * load.weights[k]).sum();
+            let Some((mut place, frame)) = self.line.place(&point, 2.0 * PLATEAU[1] * self.h)
+            else {
+                continue;
+            };
+            let up = (mean_of(&corners, cell.mask) - corners.iter().sum::<Vec3>() / 4.0)
+                .dot(&frame.normal);
+            let side = match cell.mask {
+                0b1111 => Side::Plain,
+                _ if up < 0.0 => Side::Below,
+                _ => Side::Above,
+            };
+            if cell.mask != 0b1111 && place.x > -LOAD_CORE * self.h && place.x < 0.0 {
+                place.x = -0.25 * LOAD_CORE * self.h;
+                place.y = 0.0;
+            }
+            for (mode, aux) in auxiliary(&place, &frame, side, &lame_at(place.s))
+                .iter()
+                .enumerate()
+            {
+                let v = aux.grad_u.transpose() * load.force;
+                for (p, w) in places.iter().zip(&load.weights) {
+                    if let Some(p) = p {
+                        c[*p][mode] -= v * *w;
+                    }
+                }
             }
         }
     }
 }
 
-/// Material near a station: mean over its domain, weighted by volume and extension. Osteons have no sense, so their
-/// directions are summed towards the first one met.
-fn mean_material(fields: &Fields, states: &[CellState], extension: &[Vec3]) -> TetMaterial {
-    let (mut total, mut sum) = (0.0, [0.0; 4]);
-    let mut osteon = Vec3::zeros();
-    for s in states {
-        let reach: f64 = s
-            .places
-            .iter()
-            .flatten()
-            .map(|p| extension[*p as usize].norm())
-            .sum();
-        if reach == 0.0 {
-            continue;
-        }
-        let m = &fields.materials[s.tet as usize];
-        let weight = s.volume * reach;
-        total += weight;
+fn mean_of(corners: &[Vec3; 4], mask: u8) -> Vec3 {
+    let inside = (0..4).filter(|k| mask >> k & 1 == 1);
+    inside.map(|k| corners[k]).sum::<Vec3>() / f64::from(mask.count_ones().max(1))
+}
+
+/// Mean of materials by weight. Osteons have no sense, so their directions are summed towards the first one met.
+#[derive(Clone, Debug, Default)]
+struct MaterialSum {
+    weight: f64,
+    values: [f64; 4],
+    osteon: Vec3,
+}
+
+impl MaterialSum {
+    fn add(&mut self, m: &TetMaterial, weight: f64) {
+        self.weight += weight;
         let values = [
             m.young_modulus,
             m.poisson_ratio,
             m.toughness_along,
             m.toughness_across,
         ];
-        (0..4).for_each(|k| sum[k] += weight * values[k]);
-        osteon += m.osteon
-            * if m.osteon.dot(&osteon) < 0.0 {
-                -weight
-            } else {
-                weight
-            };
+        self.values
+            .iter_mut()
+            .zip(values)
+            .for_each(|(s, v)| *s += weight * v);
+        let sense = if m.osteon.dot(&self.osteon) < 0.0 {
+            -weight
+        } else {
+            weight
+        };
+        self.osteon += m.osteon * sense;
     }
-    if total <= 0.0 {
-        return fields.materials[0];
-    }
-    let [
-        young_modulus,
-        poisson_ratio,
-        toughness_along,
-        toughness_across,
-    ] = sum.map(|v| v / total);
-    let osteon = osteon
-        .try_normalize(1e-12)
-        .unwrap_or(fields.materials[0].osteon);
-    TetMaterial {
-        young_modulus,
-        poisson_ratio,
-        toughness_along,
-        toughness_across,
-        osteon,
+
+    fn mean(&self, fallback: &TetMaterial) -> TetMaterial {
+        if self.weight <= 0.0 {
+            return *fallback;
+        }
+        let [
+            young_modulus,
+            poisson_ratio,
+            toughness_along,
+            toughness_across,
+        ] = self.values.map(|v| v / self.weight);
+        TetMaterial {
+            young_modulus,
+            poisson_ratio,
+            toughness_along,
+            toughness_across,
+            osteon: self.osteon.try_normalize(1e-12).unwrap_or(fallback.osteon),
+        }
     }
 }
 
-/// Stress intensity factors by the interaction integral with straight auxiliary fields in the station's frame.
-fn interaction(
-    fields: &Fields,
-    states: &[CellState],
-    near: &[NearNode],
-    extension: &[Vec3],
-    station: &Station,
-    lame: &Lame,
-    length: f64,
-) -> StressIntensity {
-    let frame = station.frame();
-    let auxiliary = |centre: &Vec3, side: Option<Vec3>| {
-        let mut p = frame.transpose() * (centre - station.position);
-        if let Some(side) = side {
-            // On a curved crack the side comes from the topology, not from the straight frame.
-            p.y = p.y.abs().max(1e-6)
-                * if side.dot(&station.normal) < 0.0 {
-                    -1.0
-                } else {
-                    1.0
-                };
-        }
-        auxiliary_gradients(p.x, p.y, lame).map(|g| frame * g * frame.transpose())
-    };
-    let mut sums = [0.0; 3];
-    for s in states {
-        let moved = |k: usize| s.places[k].map_or_else(Vec3::zeros, |p| extension[p as usize]);
-        let grad_q = stiffness::displacement_gradient(
-            &fields.mesh.gradients()[s.tet as usize],
-            &[0, 1, 2, 3].map(moved),
-        );
-        if grad_q == Matrix3::zeros() {
-            continue;
-        }
-        for (sum, aux) in sums.iter_mut().zip(auxiliary(&s.centre, s.side)) {
-            let aux_stress = stiffness::stress(lame, &aux);
-            let m = aux.transpose() * s.stress + s.grad_u.transpose() * aux_stress;
-            *sum += s.volume * (m.dot(&grad_q) - s.stress.dot(&aux) * grad_q.trace());
-        }
-    }
-    for load in fields.loads {
-        let cell = &fields.topology.cells()[load.cell as usize];
-        let corners = fields.mesh.corners(cell.tet as usize);
-        let q: Vec3 = (0..4)
-            .filter_map(|k| {
-                let place = near
-                    .binary_search_by_key(&fields.mesh.tets()[cell.tet as usize][k], |x| x.node)
-                    .ok()?;
-                Some(extension[place] * load.weights[k])
-            })
-            .sum();
-        if q == Vec3::zeros() {
-            continue;
-        }
-        let point: Vec3 = (0..4).map(|k| corners[k] * load.weights[k]).sum();
-        let own = (0..4)
-            .filter(|k| cell.mask >> k & 1 == 1)
-            .map(|k| corners[k])
-            .sum::<Vec3>()
-            / f64::from(cell.mask.count_ones());
-        let side = (cell.mask != 0b1111).then(|| own - corners.iter().sum::<Vec3>() / 4.0);
-        for (sum, aux) in sums.iter_mut().zip(auxiliary(&point, side)) {
-            *sum -= load.force.dot(&(aux * q));
-        }
-    }
-    let (e, mu) = (station.material.plane_strain_modulus(), lame.mu);
-    let [i1, i2, i3] = sums.map(|v| v / length);
-    StressIntensity {
-        k1: 0.5 * e * i1,
-        k2: 0.5 * e * i2,
-        k3: mu * i3,
-    }
+/// The field of a unit stress intensity at a point, in world axes.
+struct Auxiliary {
+    /// Displacement gradient, turned with the front's frame.
+    grad_u: Matrix3<f64>,
+    /// Strain by Hooke's law from `stress`: that of a straight front.
+    strain: Matrix3<f64>,
+    stress: Matrix3<f64>,
+    /// div stress.
+    body_force: Vec3,
+    /// d/dq of sym grad_u - strain.
+    misfit_slope: Matrix3<f64>,
 }
 
-/// Displacement gradients of the Williams fields of unit K_I, K_II, K_III at (x, y) in the frame of a straight front, plane
-/// strain.
-fn auxiliary_gradients(x: f64, y: f64, lame: &Lame) -> [Matrix3<f64>; 3] {
+/// The fields of unit K_I, K_II, K_III beside a front of constant in-plane curvature.
+///
+/// Along t the frame turns: dq/dt = t / rho, dt/dt = - q / rho with rho = 1 / curvature + x.
+fn auxiliary(place: &Place, frame: &LocalFrame, side: Side, lame: &Lame) -> [Auxiliary; 3] {
+    let axes = Matrix3::from_columns(&[
+        frame.advance,
+        frame.normal,
+        frame.advance.cross(&frame.normal),
+    ]);
+    let turned = |m: Matrix3<f64>| axes * m * axes.transpose();
+    let per_rho = frame.curvature / (1.0 + frame.curvature * place.x).max(0.15);
+    williams(place.x, place.y, side, lame).map(|w| {
+        let strain = (w.gradient + w.gradient.transpose()) * 0.5;
+        let stress = stiffness::stress(lame, &w.gradient);
+        let mut gradient = w.gradient;
+        gradient[(2, 2)] += w.u.x * per_rho;
+        gradient[(0, 2)] -= w.u.z * per_rho;
+        let mut slope = Matrix3::zeros();
+        let slide = |u: f64, du: f64| (du - u * per_rho) * per_rho;
+        slope[(2, 2)] = slide(w.u.x, w.gradient[(0, 0)]);
+        slope[(0, 2)] = -0.5 * slide(w.u.z, w.gradient[(2, 0)]);
+        slope[(2, 0)] = slope[(0, 2)];
+        let force = Vec3::new(
+            stress[(0, 0)] - stress[(2, 2)],
+            stress[(0, 1)],
+            2.0 * stress[(0, 2)],
+        ) * per_rho;
+        Auxiliary {
+            grad_u: turned(gradient),
+            strain: turned(strain),
+            stress: turned(stress),
+            body_force: axes * force,
+            misfit_slope: turned(slope),
+        }
+    })
+}
+
+/// Displacement and its gradient in the frame of a straight front.
+struct Williams {
+    u: Vec3,
+    gradient: Matrix3<f64>,
+}
+
+/// Williams' fields of unit K_I, K_II, K_III at (x, y), plane strain. Behind the front the side decides on which sheet of the
+/// square root a point lies; past the plane of the front the fields are continued.
+fn williams(x: f64, y: f64, side: Side, lame: &Lame) -> [Williams; 3] {
+    use std::f64::consts::PI;
     let r = x.hypot(y).max(1e-9);
-    let theta = y.atan2(x);
+    let plain = y.atan2(x);
+    let theta = match side {
+        Side::Above if x < 0.0 && y < 0.0 => plain + 2.0 * PI,
+        Side::Below if x < 0.0 && y >= 0.0 => plain - 2.0 * PI,
+        _ => plain,
+    };
     let nu = lame.lambda / (2.0 * (lame.lambda + lame.mu));
     let kappa = 3.0 - 4.0 * nu;
     let (s, c) = (0.5 * theta).sin_cos();
     let (sin, cos) = theta.sin_cos();
-    let scale = 1.0 / (2.0 * std::f64::consts::PI * r).sqrt();
-    // A displacement sqrt(r / 2 pi) factor f(theta), given f and df/dtheta, has this gradient:
-    let gradient = |factor: f64, f: f64, df: f64| {
+    let scale = 1.0 / (2.0 * PI * r).sqrt();
+    // A displacement factor sqrt(r / 2 pi) f(theta), given f and df/dtheta: value and gradient.
+    let row = |factor: f64, f: f64, df: f64| {
         let v = factor * scale;
-        [
-            v * (0.5 * cos * f - sin * df),
-            v * (0.5 * sin * f + cos * df),
-        ]
+        (
+            v * r * f,
+            [
+                v * (0.5 * cos * f - sin * df),
+                v * (0.5 * sin * f + cos * df),
+            ],
+        )
+    };
+    let field = |rows: [(f64, [f64; 2]); 3]| Williams {
+        u: Vec3::new(rows[0].0, rows[1].0, rows[2].0),
+        gradient: Matrix3::from_fn(|i, j| if j < 2 { rows[i].1[j] } else { 0.0 }),
     };
     let plane = 0.5 / lame.mu;
-    let rows = |rows: [[f64; 2]; 3]| Matrix3::from_fn(|i, j| if j < 2 { rows[i][j] } else { 0.0 });
-    let none = [0.0; 2];
+    let none = (0.0, [0.0; 2]);
     [
-        rows([
-            gradient(plane, c * (kappa - cos), -0.5 * s * (kappa - cos) + c * sin),
-            gradient(plane, s * (kappa - cos), 0.5 * c * (kappa - cos) + s * sin),
+        field([
+            row(plane, c * (kappa - cos), -0.5 * s * (kappa - cos) + c * sin),
+            row(plane, s * (kappa - cos), 0.5 * c * (kappa - cos) + s * sin),
             none,
         ]),
-        rows([
-            gradient(
+        field([
+            row(
                 plane,
                 s * (kappa + 2.0 + cos),
                 0.5 * c * (kappa + 2.0 + cos) - s * sin,
             ),
-            gradient(
+            row(
                 plane,
                 -c * (kappa - 2.0 + cos),
                 0.5 * s * (kappa - 2.0 + cos) + c * sin,
             ),
             none,
         ]),
-        rows([none, none, gradient(2.0 / lame.mu, s, 0.5 * c)]),
+        field([none, none, row(2.0 / lame.mu, s, 0.5 * c)]),
     ]
 }
 
@@ -641,8 +781,8 @@ mod tests {
     #[test]
     fn auxiliary_fields_are_in_equilibrium() {
         let lame = TetMaterial::isotropic(1000.0, 0.3, 1.0).lame();
-        let stress = |mode, x: f64, y: f64| {
-            stiffness::stress(&lame, &auxiliary_gradients(x, y, &lame)[mode])
+        let stress = |mode: usize, x: f64, y: f64| {
+            stiffness::stress(&lame, &williams(x, y, Side::Plain, &lame)[mode].gradient)
         };
         let d = 1e-5;
         for mode in 0..3 {
@@ -667,7 +807,10 @@ mod tests {
     fn auxiliary_fields_have_unit_intensity() {
         let lame = TetMaterial::isotropic(1000.0, 0.3, 1.0).lame();
         for (mode, component) in [(0, (1, 1)), (1, (0, 1)), (2, (2, 1))] {
-            let s = stiffness::stress(&lame, &auxiliary_gradients(2.0, 0.0, &lame)[mode]);
+            let s = stiffness::stress(
+                &lame,
+                &williams(2.0, 0.0, Side::Plain, &lame)[mode].gradient,
+            );
             let expected = 1.0 / (2.0 * std::f64::consts::PI * 2.0).sqrt();
             assert!(
                 (s[component] - expected).abs() < 1e-12,

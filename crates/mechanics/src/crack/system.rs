@@ -1,10 +1,14 @@
-use super::enrichment::{Cell, STANDARD, Topology};
-use crate::bone::{Factor, FactorError, SolveScratch, Supports, TetMaterial, stiffness};
+use super::enrichment::{Cell, STANDARD, Topology, lineage};
+use crate::bone::{
+    BlockMatrix, BorderRow, Bordered, Factor, FactorError, HalfSolved, Region, SolveScratch,
+    Supports, TetMaterial, add_product, decouple, stiffness,
+};
 use crate::geometry::{TetMesh, Vec3};
 use nalgebra::Matrix3;
+use std::sync::Arc;
 
-/// "No unknown": a held node or its enrichment.
-const HELD: u32 = u32::MAX;
+/// "No unknown": a fixed node or its enrichment.
+const FIXED: u32 = u32::MAX;
 
 /// The linear equations of the cracked bone (paper, equation 3) with their factor.
 ///
@@ -13,22 +17,43 @@ const HELD: u32 = u32::MAX;
 ///
 /// Coordinates whose displacement is prescribed keep their place in `x`: a right-hand side starts from
 /// [`add_prescribed`](Self::add_prescribed), and what [`solve`](Self::solve) makes of it holds the prescribed values.
+///
+/// When the crack grows, old unknowns and their stiffness stay what they are ([`Topology::grown`]): [`grown`](Self::grown)
+/// appends rows to the factor and shares the rest with the system it came from.
 #[derive(Clone, Debug)]
 pub struct System {
-    block_of_node: Vec<u32>,
+    base: Arc<Base>,
     block_of_enrichment: Vec<u32>,
-    column_starts: Vec<usize>,
-    rows: Vec<usize>,
-    values: Vec<f64>,
+    parents: Vec<u32>,
+    /// What came with each growth since the base was factored.
+    border: Vec<Arc<Vec<BlockRow>>>,
     /// Unknowns that are prescribed, ascending: nodes' and those of their enrichments.
     held: Vec<u32>,
     /// Right-hand side that stands for the prescribed displacements; empty if there are none.
     lift: Vec<f64>,
-    factor: Factor,
+    factor: Bordered,
+}
+
+/// What stays when the crack grows.
+#[derive(Debug)]
+struct Base {
+    block_of_node: Vec<u32>,
+    matrix: BlockMatrix,
+    /// Ground spring of each node over the volume around it \[N/mm4\].
+    ground: Vec<f64>,
+    /// Unknowns that supports move, ascending, and how far \[mm\].
+    moved: Vec<(u32, f64)>,
+}
+
+/// One block row of the border: blocks up to the diagonal.
+#[derive(Clone, Debug)]
+struct BlockRow {
+    row: u32,
+    blocks: Vec<(u32, Matrix3<f64>)>,
 }
 
 impl System {
-    /// Assembles and factors.
+    /// Assembles and factors all of it.
     ///
     /// # Errors
     /// [`FactorError`] if some part of the body is held by nothing, neither support nor ground spring.
@@ -38,82 +63,184 @@ impl System {
         topology: &Topology,
         supports: &Supports,
     ) -> Result<Self, FactorError> {
-        let (block_of_node, block_of_enrichment) = number_blocks(mesh, topology, supports);
-        let free = |b: &&u32| **b != HELD;
-        let n_blocks = block_of_node
-            .iter()
-            .chain(&block_of_enrichment)
-            .filter(free)
-            .count();
-        let mut blocks = BlockMatrix::new(n_blocks);
-        let mut around = vec![0.0; mesh.nodes().len()];
-        for (tet, v) in mesh.tets().iter().zip(mesh.volumes()) {
-            tet.iter().for_each(|&n| around[n as usize] += v);
+        let numbering = Numbering::new(mesh, topology, supports);
+        let ground = ground_springs(mesh, supports);
+        let matrix = assemble(mesh, materials, topology, &numbering, &ground);
+        let (held, moved) = held_unknowns(topology, supports, &numbering);
+        let factor = if held.is_empty() {
+            Factor::new(&matrix)?
+        } else {
+            let mut free = matrix.clone();
+            free.decouple(|i| held.binary_search(&i).is_ok());
+            Factor::new(&free)?
+        };
+        let mut system = Self {
+            block_of_enrichment: numbering.of_enrichment,
+            parents: topology.parents().to_vec(),
+            base: Arc::new(Base {
+                block_of_node: numbering.of_node,
+                matrix,
+                ground,
+                moved,
+            }),
+            border: Vec::new(),
+            held,
+            lift: Vec::new(),
+            factor: Bordered::new(factor),
+        };
+        system.lift = system.base_lift();
+        Ok(system)
+    }
+
+    /// The equations of the same body after its crack grew: `topology` must come from this system's by [`Topology::grown`],
+    /// mesh, materials and supports must be the same.
+    ///
+    /// # Errors
+    /// [`FactorError`] if the grown body is held by nothing somewhere.
+    ///
+    /// # Panics
+    /// If `topology` has fewer enrichments than this system knows.
+    pub fn grown(
+        &self,
+        mesh: &TetMesh,
+        materials: &[TetMaterial],
+        topology: &Topology,
+        supports: &Supports,
+    ) -> Result<Self, FactorError> {
+        let n_old = self.block_of_enrichment.len();
+        let new = &topology.enriched_nodes()[n_old..];
+        let mut grown = self.clone();
+        let mut next = (self.n() / 3) as u32;
+        for &node in new {
+            let block = if supports.is_fixed(node) { FIXED } else { next };
+            next += u32::from(block != FIXED);
+            grown.block_of_enrichment.push(block);
+            let axes = supports.prescribed_at(node);
+            let held = (0..3).filter(|&k| block != FIXED && axes[k as usize].is_some());
+            grown.held.extend(held.map(|k| 3 * block + k));
         }
-        let mut spring = vec![supports.ground_spring; mesh.nodes().len()];
-        for &(n, k) in &supports.springs {
-            spring[n as usize] += k;
+        grown.parents.extend(&topology.parents()[n_old..]);
+        let rows: Vec<BlockRow> = (n_old..topology.enriched_nodes().len())
+            .filter(|e| grown.block_of_enrichment[*e] != FIXED)
+            .map(|e| grown.block_row(mesh, materials, topology, e as u32))
+            .collect();
+        grown.extend_lift(&rows);
+        let scalar: Vec<BorderRow> = rows.iter().flat_map(|r| grown.scalar_rows(r)).collect();
+        grown.factor = self.factor.grown(&scalar)?;
+        grown.border.push(Arc::new(rows));
+        Ok(grown)
+    }
+
+    /// The stiffness of enrichment `e` against all unknowns up to itself, from the cells around its node.
+    fn block_row(
+        &self,
+        mesh: &TetMesh,
+        materials: &[TetMaterial],
+        topology: &Topology,
+        e: u32,
+    ) -> BlockRow {
+        let row = self.block_of_enrichment[e as usize];
+        let node = topology.enriched_nodes()[e as usize];
+        let mut blocks: Vec<(u32, Matrix3<f64>)> = Vec::with_capacity(256);
+        for &t in mesh.tets_of_node(node as usize) {
+            let nodes = &mesh.tets()[t as usize];
+            let a = nodes.iter().position(|n| *n == node).unwrap_or(0);
+            for cell in &topology.cells()[topology.cells_of(t)] {
+                if !topology.lineage(cell.enrichment[a]).any(|l| l == e) {
+                    continue;
+                }
+                let element = Element::new(mesh, materials, &self.base.ground, cell);
+                for b in 0..4 {
+                    let k = element.block(a, b);
+                    let columns = self.blocks(nodes[b], cell.enrichment[b]);
+                    blocks.extend(columns.filter(|c| *c <= row).map(|c| (c, k)));
+                }
+            }
         }
-        // First pass: where entries are; second: what they are.
-        for _ in 0..2 {
-            for cell in topology.cells() {
-                let t = cell.tet as usize;
-                let (lame, g) = (materials[t].lame(), &mesh.gradients()[t]);
-                let unknowns = unknowns(mesh, cell, &block_of_node, &block_of_enrichment);
-                let weight = mesh.volumes()[t] * cell.fraction;
-                // Soft tissue holds the material, so each cell takes its share, also of what only its enrichments move.
-                let ground: [f64; 4] =
-                    mesh.tets()[t].map(|n| spring[n as usize] * weight / around[n as usize]);
-                for a in 0..4 {
-                    for b in 0..4 {
-                        let mut k = stiffness::block(&lame, &g[a], &g[b]) * weight;
-                        if a == b {
-                            k += Matrix3::from_diagonal_element(ground[a]);
-                        }
-                        for &row in unknowns[a].iter().filter(free) {
-                            for &col in unknowns[b].iter().filter(free) {
-                                if row >= col {
-                                    blocks.add(row, col, &k);
-                                }
-                            }
-                        }
+        blocks.sort_by_key(|b| b.0);
+        blocks.dedup_by(|later, kept| {
+            let same = later.0 == kept.0;
+            if same {
+                kept.1 += later.1;
+            }
+            same
+        });
+        BlockRow { row, blocks }
+    }
+
+    /// What the factor is given of a block row: held unknowns decoupled.
+    fn scalar_rows(&self, row: &BlockRow) -> [BorderRow; 3] {
+        let n_base = 3 * self.base.matrix.n_blocks() as u32;
+        let mut rows: [BorderRow; 3] = Default::default();
+        for (col, k) in &row.blocks {
+            let mut k = *k;
+            if !self.held.is_empty() {
+                decouple(row.row, *col, &mut k, |i| self.is_held(i));
+            }
+            for (r, out) in rows.iter_mut().enumerate() {
+                let last = if *col == row.row { r } else { 2 };
+                for c in 0..=last {
+                    let j = 3 * col + c as u32;
+                    let v = k[(r, c)];
+                    if j < n_base {
+                        out.base.push((j, v));
+                    } else {
+                        out.border.push((j - n_base, v));
                     }
                 }
             }
-            blocks.freeze();
         }
-        let (column_starts, rows, values) = blocks.into_lower_columns();
-        let (held, moved) = held_unknowns(topology, supports, &block_of_node, &block_of_enrichment);
-        let free_values = decoupled(&column_starts, &rows, &values, &held);
-        let factor = Factor::new(&column_starts, &rows, &free_values)?;
-        let mut system = Self {
-            block_of_node,
-            block_of_enrichment,
-            column_starts,
-            rows,
-            values,
-            held,
-            lift: Vec::new(),
-            factor,
-        };
-        system.lift = system.lift_of(&moved);
-        Ok(system)
+        rows
+    }
+
+    fn is_held(&self, i: u32) -> bool {
+        self.held.binary_search(&i).is_ok()
     }
 
     /// -K_fp u_p on free unknowns; on prescribed ones their value times their diagonal, which is all that the factor holds
     /// of them.
-    fn lift_of(&self, moved: &[(u32, f64)]) -> Vec<f64> {
+    fn base_lift(&self) -> Vec<f64> {
         if self.held.is_empty() {
             return Vec::new();
         }
         let mut x = vec![0.0; self.n()];
+        let moved = &self.base.moved;
         moved.iter().for_each(|&(i, v)| x[i as usize] = v);
         let mut lift = self.multiply(&x);
         lift.iter_mut().for_each(|f| *f = -*f);
-        for &i in &self.held {
-            lift[i as usize] = self.values[self.column_starts[i as usize]] * x[i as usize];
+        self.held.iter().for_each(|i| lift[*i as usize] = 0.0);
+        for (row, col, k) in self.base.matrix.iter().filter(|(row, col, _)| row == col) {
+            for c in 0..3 {
+                let i = 3 * col + c;
+                if self.is_held(i) {
+                    lift[3 * row as usize + c as usize] =
+                        k[(c as usize, c as usize)] * x[i as usize];
+                }
+            }
         }
         lift
+    }
+
+    fn extend_lift(&mut self, rows: &[BlockRow]) {
+        if self.held.is_empty() {
+            return;
+        }
+        let moved = &self.base.moved;
+        let value = |i: u32| {
+            moved
+                .binary_search_by_key(&i, |m| m.0)
+                .map_or(0.0, |p| moved[p].1)
+        };
+        for BlockRow { row, blocks } in rows {
+            for r in 0..3 {
+                let along = |(col, k): &(u32, Matrix3<f64>)| -> f64 {
+                    (0..3).map(|c| k[(r, c)] * value(3 * col + c as u32)).sum()
+                };
+                let force: f64 = blocks.iter().map(along).sum();
+                let held = self.held.binary_search(&(3 * row + r as u32)).is_ok();
+                self.lift.push(if held { 0.0 } else { -force });
+            }
+        }
     }
 
     /// Adds what prescribed displacements do to the right-hand side. Nothing if there are none.
@@ -126,14 +253,66 @@ impl System {
         self.factor.n()
     }
 
-    /// Memory for [`solve`](Self::solve) with up to `columns` right-hand sides.
-    pub fn scratch(&self, columns: usize) -> SolveScratch {
-        self.factor.scratch(columns)
+    /// The factor: its sizes, for the curious.
+    pub fn factor(&self) -> &Bordered {
+        &self.factor
     }
 
-    /// Solves K x = f in place; `f` and `x` \[N, mm\], n values a right-hand side.
+    /// Memory for [`solve`](Self::solve) and [`solve_region`](Self::solve_region).
+    pub fn scratch(&self) -> SolveScratch {
+        self.factor.scratch()
+    }
+
+    /// Solves K x = f in place; `f` and `x` \[N, mm\], n values a right-hand side. Allocates nothing.
     pub fn solve(&self, x: &mut [f64], scratch: &mut SolveScratch) {
         self.factor.solve(x, scratch);
+    }
+
+    /// The region of the unknowns that move some cells: where forces will act, and where displacements will be read. The
+    /// crack since the base was factored is always part of it.
+    pub fn region<'a>(&self, mesh: &TetMesh, cells: impl IntoIterator<Item = &'a Cell>) -> Region {
+        let mut unknowns = Vec::new();
+        for cell in cells {
+            for (n, e) in mesh.tets()[cell.tet as usize].iter().zip(cell.enrichment) {
+                let blocks = self.blocks(*n, e);
+                unknowns.extend(blocks.flat_map(|b| (0..3).map(move |k| 3 * b + k)));
+            }
+        }
+        self.factor.region(unknowns)
+    }
+
+    /// As [`solve`](Self::solve) for one right-hand side that is zero outside the region; what lies outside it in `x` is not
+    /// computed and keeps its value.
+    pub fn solve_region(&self, region: &Region, x: &mut [f64], scratch: &mut SolveScratch) {
+        self.factor.solve_region(region, x, scratch);
+    }
+
+    /// A force \[N\] at the point of `cell` with shape functions `weights` as a sparse right-hand side for
+    /// [`half_solve`](Self::half_solve): (unknown, value), appended.
+    pub fn push_force(
+        &self,
+        mesh: &TetMesh,
+        cell: &Cell,
+        weights: &[f64; 4],
+        force: &Vec3,
+        column: &mut Vec<(u32, f64)>,
+    ) {
+        let nodes = &mesh.tets()[cell.tet as usize];
+        for k in 0..4 {
+            for b in self.blocks(nodes[k], cell.enrichment[k]) {
+                for axis in 0..3 {
+                    let i = 3 * b + axis;
+                    if self.held.is_empty() || !self.is_held(i) {
+                        column.push((i, weights[k] * force[axis as usize]));
+                    }
+                }
+            }
+        }
+    }
+
+    /// The forward half of a solve for sparse right-hand sides B: [`HalfSolved::compliance`] of two of them is B^T K^-1 C.
+    pub fn half_solve(&self, columns: &[Vec<(u32, f64)>]) -> HalfSolved {
+        self.factor.half_solve(columns)
     }
 
     /// Adds a force \[N\] that acts at the point of `cell` with shape functions `weights` to the right-hand side. What acts on
@@ -146,13 +325,13 @@ impl System {
         force: &Vec3,
         rhs: &mut [f64],
     ) {
-        let unknowns = unknowns(mesh, cell, &self.block_of_node, &self.block_of_enrichment);
-        for (blocks, w) in unknowns.iter().zip(weights) {
-            for &b in blocks.iter().filter(|b| **b != HELD) {
-                for k in 0..3 {
-                    let i = 3 * b + k;
-                    if self.held.is_empty() || self.held.binary_search(&i).is_err() {
-                        rhs[i as usize] += w * force[k as usize];
+        let nodes = &mesh.tets()[cell.tet as usize];
+        for k in 0..4 {
+            for b in self.blocks(nodes[k], cell.enrichment[k]) {
+                for axis in 0..3 {
+                    let i = 3 * b + axis;
+                    if self.held.is_empty() || !self.is_held(i) {
+                        rhs[i as usize] += weights[k] * force[axis as usize];
                     }
                 }
             }
@@ -161,56 +340,71 @@ impl System {
 
     /// Displacement of node `i` \[mm\]; of [`multiply`](Self::multiply)'s result, the force that holds it there \[N\].
     pub fn displacement(&self, i: usize, x: &[f64]) -> Vec3 {
-        read(self.block_of_node[i], x)
+        read(self.base.block_of_node[i], x)
     }
 
     /// Adds to the displacement of node `i`, unless it is fixed.
     pub fn add_displacement(&self, i: usize, by: &Vec3, x: &mut [f64]) {
-        let b = self.block_of_node[i];
-        if b != HELD {
+        let b = self.base.block_of_node[i];
+        if b != FIXED {
             (0..3).for_each(|k| x[3 * b as usize + k] += by[k]);
         }
     }
 
     /// Displacements of a cell's four virtual nodes \[mm\].
     pub fn cell_displacements(&self, mesh: &TetMesh, cell: &Cell, x: &[f64]) -> [Vec3; 4] {
-        let unknowns = unknowns(mesh, cell, &self.block_of_node, &self.block_of_enrichment);
-        unknowns.map(|[node, enrichment]| read(node, x) + read(enrichment, x))
+        let nodes = &mesh.tets()[cell.tet as usize];
+        [0, 1, 2, 3].map(|k| {
+            let mut u = self.displacement(nodes[k] as usize, x);
+            for e in lineage(&self.parents, cell.enrichment[k]) {
+                u += read(self.block_of_enrichment[e as usize], x);
+            }
+            u
+        })
     }
 
-    /// The unknowns of a displacement field that is `of_fragment(k, p)` at the points of fragment `k` and may jump between
-    /// fragments; exact where the field is affine. For tests: rigid motions, for instance.
+    /// The blocks whose sum is the displacement of a cell's virtual node at node `n` with enrichment `e`.
+    fn blocks(&self, n: u32, e: u32) -> impl Iterator<Item = u32> {
+        let node = std::iter::once(self.base.block_of_node[n as usize]);
+        let jumps = lineage(&self.parents, e).map(|e| self.block_of_enrichment[e as usize]);
+        node.chain(jumps).filter(|b| *b != FIXED)
+    }
+
+    /// The unknowns of a displacement field that is `of_cell(cell, p)` at the points of a cell and may jump between cells;
+    /// exact where the field is affine. For tests: rigid motions, for instance.
     pub fn interpolate(
         &self,
         mesh: &TetMesh,
         topology: &Topology,
         of_cell: impl Fn(&Cell, &Vec3) -> Vec3,
     ) -> Vec<f64> {
-        let mut x = vec![0.0; self.n()];
-        let mut write = |b: u32, v: &Vec3| (0..3).for_each(|k| x[3 * b as usize + k] = v[k]);
         let mut standard = vec![Vec3::zeros(); mesh.nodes().len()];
+        let mut total = vec![Vec3::zeros(); topology.parents().len()];
         for cell in topology.cells() {
             for (k, &n) in mesh.tets()[cell.tet as usize].iter().enumerate() {
                 if cell.mask >> k & 1 == 1 {
                     standard[n as usize] = of_cell(cell, &mesh.nodes()[n as usize]);
                 }
-            }
-        }
-        for (i, v) in standard
-            .iter()
-            .enumerate()
-            .filter(|(i, _)| self.block_of_node[*i] != HELD)
-        {
-            write(self.block_of_node[i], v);
-        }
-        for cell in topology.cells() {
-            for (k, &n) in mesh.tets()[cell.tet as usize].iter().enumerate() {
-                let e = cell.enrichment[k];
-                if e != STANDARD && self.block_of_enrichment[e as usize] != HELD {
-                    let jump = of_cell(cell, &mesh.nodes()[n as usize]) - standard[n as usize];
-                    write(self.block_of_enrichment[e as usize], &jump);
+                if cell.enrichment[k] != STANDARD {
+                    total[cell.enrichment[k] as usize] = of_cell(cell, &mesh.nodes()[n as usize]);
                 }
             }
+        }
+        let mut x = vec![0.0; self.n()];
+        let mut write = |b: u32, v: Vec3| {
+            if b != FIXED {
+                (0..3).for_each(|k| x[3 * b as usize + k] = v[k]);
+            }
+        };
+        for (v, b) in standard.iter().zip(&self.base.block_of_node) {
+            write(*b, *v);
+        }
+        for (e, node) in topology.enriched_nodes().iter().enumerate() {
+            let above = match topology.parents()[e] {
+                STANDARD => standard[*node as usize],
+                parent => total[parent as usize],
+            };
+            write(self.block_of_enrichment[e], total[e] - above);
         }
         x
     }
@@ -219,13 +413,10 @@ impl System {
     /// them \[N\].
     pub fn multiply(&self, x: &[f64]) -> Vec<f64> {
         let mut y = vec![0.0; x.len()];
-        for j in 0..x.len() {
-            for p in self.column_starts[j]..self.column_starts[j + 1] {
-                let i = self.rows[p];
-                y[i] += self.values[p] * x[j];
-                if i != j {
-                    y[j] += self.values[p] * x[i];
-                }
+        self.base.matrix.multiply_add(x, &mut y);
+        for BlockRow { row, blocks } in self.border.iter().flat_map(|b| b.iter()) {
+            for (col, k) in blocks {
+                add_product(*row, *col, k, x, &mut y);
             }
         }
         y
@@ -243,153 +434,167 @@ impl System {
 }
 
 fn read(block: u32, x: &[f64]) -> Vec3 {
-    if block == HELD {
+    if block == FIXED {
         Vec3::zeros()
     } else {
         Vec3::from_column_slice(&x[3 * block as usize..3 * block as usize + 3])
     }
 }
 
-fn number_blocks(mesh: &TetMesh, topology: &Topology, supports: &Supports) -> (Vec<u32>, Vec<u32>) {
-    let mut next = 0;
-    let mut number = |held: bool| {
-        if held {
-            return HELD;
+/// Block of each node and of each enrichment.
+struct Numbering {
+    of_node: Vec<u32>,
+    of_enrichment: Vec<u32>,
+    n_blocks: usize,
+}
+
+impl Numbering {
+    fn new(mesh: &TetMesh, topology: &Topology, supports: &Supports) -> Self {
+        let mut n_blocks = 0;
+        let mut number = |i: u32| {
+            let block = if supports.is_fixed(i) {
+                FIXED
+            } else {
+                n_blocks
+            };
+            n_blocks += u32::from(block != FIXED);
+            block
+        };
+        Self {
+            of_node: (0..mesh.nodes().len() as u32).map(&mut number).collect(),
+            of_enrichment: topology
+                .enriched_nodes()
+                .iter()
+                .map(|i| number(*i))
+                .collect(),
+            n_blocks: n_blocks as usize,
         }
-        next += 1;
-        next - 1
+    }
+
+    fn blocks<'a>(
+        &'a self,
+        topology: &'a Topology,
+        n: u32,
+        e: u32,
+    ) -> impl Iterator<Item = u32> + 'a {
+        let jumps = topology.lineage(e).map(|e| self.of_enrichment[e as usize]);
+        std::iter::once(self.of_node[n as usize])
+            .chain(jumps)
+            .filter(|b| *b != FIXED)
+    }
+}
+
+/// One cell's stiffness.
+struct Element<'a> {
+    lame: crate::bone::Lame,
+    gradients: &'a [Vec3; 4],
+    weight: f64,
+    ground: [f64; 4],
+}
+
+impl<'a> Element<'a> {
+    fn new(mesh: &'a TetMesh, materials: &[TetMaterial], ground: &[f64], cell: &Cell) -> Self {
+        let t = cell.tet as usize;
+        let weight = mesh.volumes()[t] * cell.fraction;
+        Self {
+            lame: materials[t].lame(),
+            gradients: &mesh.gradients()[t],
+            weight,
+            // Soft tissue holds the material, so each cell takes its share, also of what only its enrichments move.
+            ground: mesh.tets()[t].map(|n| ground[n as usize] * weight),
+        }
+    }
+
+    /// Block of local nodes `a` and `b` \[N/mm\].
+    fn block(&self, a: usize, b: usize) -> Matrix3<f64> {
+        let g = self.gradients;
+        let k = stiffness::block(&self.lame, &g[a], &g[b]) * self.weight;
+        if a == b {
+            k + Matrix3::from_diagonal_element(self.ground[a])
+        } else {
+            k
+        }
+    }
+}
+
+fn ground_springs(mesh: &TetMesh, supports: &Supports) -> Vec<f64> {
+    let mut around = vec![0.0; mesh.nodes().len()];
+    for (tet, v) in mesh.tets().iter().zip(mesh.volumes()) {
+        tet.iter().for_each(|&n| around[n as usize] += v);
+    }
+    let mut spring = vec![supports.ground_spring; mesh.nodes().len()];
+    for &(n, k) in &supports.springs {
+        spring[n as usize] += k;
+    }
+    spring.iter().zip(&around).map(|(k, v)| k / v).collect()
+}
+
+fn assemble(
+    mesh: &TetMesh,
+    materials: &[TetMaterial],
+    topology: &Topology,
+    numbering: &Numbering,
+    ground: &[f64],
+) -> BlockMatrix {
+    let each = |cell: &Cell, visit: &mut dyn FnMut(usize, usize, u32, u32)| {
+        let nodes = &mesh.tets()[cell.tet as usize];
+        for a in 0..4 {
+            for row in numbering.blocks(topology, nodes[a], cell.enrichment[a]) {
+                for b in 0..4 {
+                    for col in numbering.blocks(topology, nodes[b], cell.enrichment[b]) {
+                        if row >= col {
+                            visit(a, b, row, col);
+                        }
+                    }
+                }
+            }
+        }
     };
-    let nodes = (0..mesh.nodes().len() as u32)
-        .map(|i| number(supports.is_fixed(i)))
-        .collect();
-    let enrichments = topology
-        .enriched_nodes()
+    // Nodes couple along edges; only cells with enrichments add to that.
+    let of_edge = |[a, b]: &[u32; 2]| [*a, *b].map(|n| numbering.of_node[n as usize]);
+    let mut pairs: Vec<(u32, u32)> = mesh
+        .edges()
         .iter()
-        .map(|&i| number(supports.is_fixed(i)))
+        .map(of_edge)
+        .filter(|[a, b]| *a != FIXED && *b != FIXED)
+        .map(|[a, b]| (a, b))
         .collect();
-    (nodes, enrichments)
+    let is_enriched = |c: &&Cell| c.enrichment.iter().any(|e| *e != STANDARD);
+    for cell in topology.cells().iter().filter(is_enriched) {
+        each(cell, &mut |_, _, row, col| pairs.push((col, row)));
+    }
+    let mut matrix = BlockMatrix::zeros(numbering.n_blocks, pairs);
+    for cell in topology.cells() {
+        let element = Element::new(mesh, materials, ground, cell);
+        each(cell, &mut |a, b, row, col| {
+            matrix.add(row, col, &element.block(a, b));
+        });
+    }
+    matrix
 }
 
 /// Unknowns that supports prescribe, ascending, and the displacements of those that move.
 fn held_unknowns(
     topology: &Topology,
     supports: &Supports,
-    of_node: &[u32],
-    of_enrichment: &[u32],
+    numbering: &Numbering,
 ) -> (Vec<u32>, Vec<(u32, f64)>) {
     let (mut held, mut moved) = (Vec::new(), Vec::new());
     for p in &supports.prescribed {
-        let block = of_node[p.node as usize];
-        if block != HELD {
+        let block = numbering.of_node[p.node as usize];
+        if block != FIXED {
             held.push(3 * block + u32::from(p.axis));
             moved.push((3 * block + u32::from(p.axis), p.value));
         }
     }
-    for (&node, &block) in topology.enriched_nodes().iter().zip(of_enrichment) {
+    for (&node, &block) in topology
+        .enriched_nodes()
+        .iter()
+        .zip(&numbering.of_enrichment)
+    {
         let axes = supports.prescribed_at(node);
-        held.extend(
-            (0..3)
-                .filter(|&k| block != HELD && axes[k as usize].is_some())
-                .map(|k| 3 * block + k),
-        );
+        let held_axes = (0..3).filter(|&k| block != FIXED && axes[k as usize].is_some());
+        held.extend(held_axes.map(|k| 3 * block + k));
     }
-    held.sort_unstable();
-    held.dedup();
     (held, moved)
-}
-
-/// The matrix with the couplings of held unknowns left out; their diagonal stays, so that its scale stays the body's.
-fn decoupled(starts: &[usize], rows: &[usize], values: &[f64], held: &[u32]) -> Vec<f64> {
-    let mut free = values.to_vec();
-    if held.is_empty() {
-        return free;
-    }
-    let mut is_held = vec![false; starts.len() - 1];
-    held.iter().for_each(|&i| is_held[i as usize] = true);
-    for j in 0..is_held.len() {
-        for p in starts[j]..starts[j + 1] {
-            if rows[p] != j && (is_held[j] || is_held[rows[p]]) {
-                free[p] = 0.0;
-            }
-        }
-    }
-    free
-}
-
-/// The blocks whose sum is the displacement of each virtual node of a cell.
-fn unknowns(mesh: &TetMesh, cell: &Cell, of_node: &[u32], of_enrichment: &[u32]) -> [[u32; 2]; 4] {
-    let nodes = &mesh.tets()[cell.tet as usize];
-    [0, 1, 2, 3].map(|k| {
-        let e = cell.enrichment[k];
-        [
-            of_node[nodes[k] as usize],
-            if e == STANDARD {
-                HELD
-            } else {
-                of_enrichment[e as usize]
-            },
-        ]
-    })
-}
-
-/// Lower triangle of a symmetric matrix of 3 x 3 blocks: first its pattern is collected, then values are added.
-struct BlockMatrix {
-    keys: Vec<u64>,
-    first: Vec<usize>,
-    values: Vec<Matrix3<f64>>,
-}
-
-impl BlockMatrix {
-    fn new(n_blocks: usize) -> Self {
-        Self {
-            keys: (0..n_blocks as u64).map(|b| b << 32 | b).collect(),
-            first: vec![0; n_blocks + 1],
-            values: Vec::new(),
-        }
-    }
-
-    fn freeze(&mut self) {
-        if !self.values.is_empty() {
-            return;
-        }
-        self.keys.sort_unstable();
-        self.keys.dedup();
-        self.values = vec![Default::default(); self.keys.len()];
-        for k in &self.keys {
-            self.first[(k >> 32) as usize + 1] += 1;
-        }
-        for j in 1..self.first.len() {
-            self.first[j] += self.first[j - 1];
-        }
-    }
-
-    fn add(&mut self, row: u32, col: u32, block: &Matrix3<f64>) {
-        let key = u64::from(col) << 32 | u64::from(row);
-        if self.values.is_empty() {
-            self.keys.push(key);
-            return;
-        }
-        let range = self.first[col as usize]..self.first[col as usize + 1];
-        if let Ok(p) = self.keys[range.clone()].binary_search(&key) {
-            self.values[range.start + p] += block;
-        }
-    }
-
-    fn into_lower_columns(self) -> (Vec<usize>, Vec<usize>, Vec<f64>) {
-        let mut starts = vec![0];
-        let (mut rows, mut values) = (Vec::new(), Vec::new());
-        for j in 0..self.first.len() - 1 {
-            for c in 0..3 {
-                for p in self.first[j]..self.first[j + 1] {
-                    let i = (self.keys[p] & 0xffff_ffff) as usize;
-                    for r in if i == j { c } else { 0 }..3 {
-                        rows.push(3 * i + r);
-                        values.push(self.values[p][(r, c)]);
-                    }
-                }
-                starts.push(rows.len());
-            }
-        }
-        (starts, rows, values)
-    }
 }

@@ -96,7 +96,7 @@ impl MainState {
             anchors: [Anchors::with_capacity(n_ids), Anchors::with_capacity(n_ids)],
             tools: ToolScratch::new(limits),
             faces: FaceContact::default(),
-            solve: bone.system.scratch(1),
+            solve: bone.system.scratch(),
             acceleration: Acceleration::default(),
             yielding: Yielding::default(),
             trial: Vec::new(),
@@ -107,7 +107,7 @@ impl MainState {
     /// Takes over the next generation: the same loads on the grown bone, moved there by no more than a fraction of a
     /// millimetre at once, as a start for the relaxation.
     pub fn adopt(&mut self, old: &Bone, new: &Bone) {
-        self.solve = new.system.scratch(1);
+        self.solve = new.system.scratch();
         self.acceleration.forget();
         let mut next = new.at_rest();
         next.loads = new.carry_loads(old, &self.bone.loads);

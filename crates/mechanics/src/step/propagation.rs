@@ -1,6 +1,6 @@
 use super::bone::{Bone, BoneState};
 use crate::crack::growth::advances;
-use crate::crack::{BodyError, CrackedBody, EvaluatedFront, Front, bridging_edges};
+use crate::crack::{BodyError, EvaluatedFront, Front, bridging_edges};
 use crate::geometry::Vec3;
 
 /// How the propagation step behaves.
@@ -94,13 +94,13 @@ pub fn propagation_step(
     }
     report.advanced = !moving.is_empty();
     let moving: Vec<_> = moving.iter().map(|(f, m)| (*f, m.as_slice())).collect();
-    let (crack, mut cuts) = bone.grown(&moving);
+    let mut growth = bone.advanced(&moving);
     if !report.advanced
         && let Some((edges, ratio)) = ligament(bone, state, settings)?
     {
         report.ligament = Some((edges.len(), ratio));
         if ratio >= 1.0 {
-            cuts.cut_at_middle(&body.mesh, &edges, 1);
+            growth.tear(&body.mesh, &edges);
             report.advanced = true;
         }
     }
@@ -110,7 +110,7 @@ pub fn propagation_step(
     let next = Bone::assemble(
         bone.generation + 1,
         body.clone(),
-        CrackedBody::from_cuts(body.solid.clone(), crack, cuts)?,
+        bone.cracked.grown(growth)?,
         bone.points.clone(),
         bone.walled.clone(),
     );
@@ -144,12 +144,12 @@ fn ligament(
     if edges.is_empty() || state.loads.is_empty() {
         return Ok(None);
     }
-    let mut cuts = bone.cuts.clone();
-    cuts.cut_at_middle(&body.mesh, &edges, 1);
+    let mut growth = bone.advanced(&[]);
+    growth.tear(&body.mesh, &edges);
     let torn = Bone::assemble(
         bone.generation,
         body.clone(),
-        CrackedBody::from_cuts(body.solid.clone(), bone.crack.clone(), cuts)?,
+        bone.cracked.grown(growth)?,
         Vec::new(),
         bone.walled.clone(),
     );
@@ -157,7 +157,7 @@ fn ligament(
         let mut x = vec![0.0; b.system.n()];
         b.add_loads(&b.carry_loads(bone, &state.loads), &mut x);
         let f = x.clone();
-        b.system.solve(&mut x, &mut b.system.scratch(1));
+        b.system.solve(&mut x, &mut b.system.scratch());
         f.iter().zip(&x).map(|(f, x)| f * x).sum::<f64>()
     };
     let area = torn.crack_area() - bone.crack_area();

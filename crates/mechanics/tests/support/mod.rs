@@ -1,5 +1,7 @@
-//! A block of bone and a pair of chisels, shared by the contact tests.
+//! A block of bone and a pair of chisels, shared by the contact tests; cracked blocks, shared by the fracture tests.
 #![allow(dead_code)]
+pub mod cracked;
+
 use nalgebra::{Matrix3x4, Translation3, UnitQuaternion};
 use osteotome_mechanics::contact::{
     BoundingVolumes, ContactLaw, ContactScene, PointShell, ShellPoint, boundary_points,

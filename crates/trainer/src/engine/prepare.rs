@@ -27,8 +27,11 @@ pub struct Prepared {
     pub digest: String,
 }
 
-/// Nodes this near to a condyle's centre are held, but at least three \[mm\]: few enough that the joint lets the ramus turn.
-const CONDYLE_RADIUS: f64 = 2.5;
+/// Nodes this near to a condyle's centre are held, but at least three \[mm\].
+const CONDYLE_RADIUS: f64 = 6.0;
+/// The capsule of a jaw joint in translation \[N/mm\]; assumed. About the condyle's centre it is 9 mm2 times as stiff, so that
+/// a loose ramus turns by hand.
+const CAPSULE: f64 = 500.0;
 /// The hand that steadies the chin holds the nodes this near to its middle \[mm\].
 const CHIN_RADIUS: f64 = 15.0;
 /// The element size that counts for growth is that within this distance of the line \[mm\].
@@ -80,6 +83,7 @@ fn patient_spec(s: &Scenario) -> PatientSpec {
             cortical: tissue(&s.material.cortical),
             trabecular: tissue(&s.material.trabecular),
             cortical_thickness: s.material.cortical_thickness,
+            ..MaterialSpec::default()
         },
         osteotomy: match (&s.osteotomy.file, &s.osteotomy.points) {
             (Some(path), _) => OsteotomySource::File(path.clone()),
@@ -149,7 +153,15 @@ fn body(s: &Scenario, patient: &Patient) -> Body {
             young_modulus,
         )
     };
-    let mut supports = held(&patient.condyles);
+    let mut supports = match s.supports.condyles {
+        scenario::Condyles::Fixed => held(&patient.condyles),
+        scenario::Condyles::Joint => held(&[]),
+    };
+    if s.supports.condyles == scenario::Condyles::Joint {
+        for condyle in &patient.condyles {
+            supports.steady(&mesh, condyle, CONDYLE_RADIUS, CAPSULE);
+        }
+    }
     let chin = patient.frame.path[patient.frame.path.len() / 2];
     supports.steady(&mesh, &chin, CHIN_RADIUS, s.supports.chin);
     let ends = patient.condyles.map(|c| held(&[c]).fixed);
@@ -195,10 +207,11 @@ fn element_size(mesh: &TetMesh, osteotomy: &Osteotomy) -> f64 {
     }
 }
 
-/// Embeds the surface in the mesh.
+/// Embeds the surface in the mesh; a crown's points all in the tetrahedron under its neck.
 fn shell_points(shell: &[SurfacePoint], body: &Body) -> Vec<ShellPoint> {
     let embed = |p: &SurfacePoint| {
-        let (tet, weights) = body.embed(&p.position)?;
+        let (tet, _) = body.embed(&p.anchor)?;
+        let weights = body.mesh.barycentric(tet as usize, &p.position);
         Some(ShellPoint {
             position: p.position,
             tet,

@@ -287,8 +287,14 @@ impl Load {
             n == 1,
             "{key}: {n} kinds of load are given; give exactly one of traction, force, torque"
         );
-        finite(&format!("{key}.traction"), self.traction.iter().flatten().copied())?;
-        finite(&format!("{key}.force"), self.force.iter().flatten().copied())?;
+        finite(
+            &format!("{key}.traction"),
+            self.traction.iter().flatten().copied(),
+        )?;
+        finite(
+            &format!("{key}.force"),
+            self.force.iter().flatten().copied(),
+        )?;
         if let Some(t) = &self.torque {
             let key = format!("{key}.torque");
             finite(&key, t.axis.into_iter().chain(t.origin).chain([t.moment]))?;
@@ -387,27 +393,87 @@ load = "scaled"
     fn what_is_wrong_is_named_with_its_place_and_mend() {
         for (from, to, parts) in [
             ("mm-N-MPa", "m-N-Pa", ["units", "mm-N-MPa"]),
-            ("young_modulus = 200000", "young_modulus = nan", ["material.0.young_modulus", "NaN"]),
-            ("young_modulus = 200000", "young_modulus = inf", ["material.0.young_modulus", "inf"]),
-            ("poisson_ratio = 0.3", "poisson_ratio = 0.5", ["material.0.poisson_ratio", "0.5 is out"]),
+            (
+                "young_modulus = 200000",
+                "young_modulus = nan",
+                ["material.0.young_modulus", "NaN"],
+            ),
+            (
+                "young_modulus = 200000",
+                "young_modulus = inf",
+                ["material.0.young_modulus", "inf"],
+            ),
+            (
+                "poisson_ratio = 0.3",
+                "poisson_ratio = 0.5",
+                ["material.0.poisson_ratio", "0.5 is out"],
+            ),
             ("toughness = 0.5\n", "", ["material.0.toughness", "growth"]),
-            ("toughness = 0.5", "toughness = 0", ["material.0.toughness", "above 0"]),
-            ("toughness", "toughnes", ["unknown key 'toughnes'", "'toughness'"]),
-            ("fix = { x = 0.0, z = 0.0 }", "fix = {}", ["support.0.fix", "at least one"]),
-            ("fix = { x = 0.0, z = 0.0 }", "fix = { x = nan }", ["support.0.fix", "NaN"]),
-            ("{ surface = \"top\" }", "{}", ["load.0.where", "exactly one of box, surface"]),
-            ("traction = [0.0, 0.0, 1.0]", "", ["load.0", "exactly one of traction"]),
-            ("traction = [0.0, 0.0, 1.0]", "traction = [0.0, 1.0]", ["load.0.traction", "length"]),
-            ("traction = [0.0, 0.0, 1.0]", "traction = [0.0, inf, 1.0]", ["load.0.traction", "inf"]),
-            ("traction = [0.0, 0.0, 1.0]", "torque = { axis = [0,0,0], origin = [0,0,0], moment = 1 }", ["axis", "direction"]),
+            (
+                "toughness = 0.5",
+                "toughness = 0",
+                ["material.0.toughness", "above 0"],
+            ),
+            (
+                "toughness",
+                "toughnes",
+                ["unknown key 'toughnes'", "'toughness'"],
+            ),
+            (
+                "fix = { x = 0.0, z = 0.0 }",
+                "fix = {}",
+                ["support.0.fix", "at least one"],
+            ),
+            (
+                "fix = { x = 0.0, z = 0.0 }",
+                "fix = { x = nan }",
+                ["support.0.fix", "NaN"],
+            ),
+            (
+                "{ surface = \"top\" }",
+                "{}",
+                ["load.0.where", "exactly one of box, surface"],
+            ),
+            (
+                "traction = [0.0, 0.0, 1.0]",
+                "",
+                ["load.0", "exactly one of traction"],
+            ),
+            (
+                "traction = [0.0, 0.0, 1.0]",
+                "traction = [0.0, 1.0]",
+                ["load.0.traction", "length"],
+            ),
+            (
+                "traction = [0.0, 0.0, 1.0]",
+                "traction = [0.0, inf, 1.0]",
+                ["load.0.traction", "inf"],
+            ),
+            (
+                "traction = [0.0, 0.0, 1.0]",
+                "torque = { axis = [0,0,0], origin = [0,0,0], moment = 1 }",
+                ["axis", "direction"],
+            ),
             ("steps = 10", "steps = -1", ["growth.steps", "-1"]),
             ("steps = 10", "steps = 100000", ["growth.steps", "1000"]),
-            ("increment = 1.0", "increment = 0", ["growth.increment", "above 0"]),
+            (
+                "increment = 1.0",
+                "increment = 0",
+                ["growth.increment", "above 0"],
+            ),
             ("\"scaled\"", "\"rising\"", ["growth.load", "scaled"]),
             ("\"mserrc\"", "\"hoop\"", ["growth.criterion", "mserrc"]),
-            ("[crack]\nsurface = \"crack.stl\"\n", "", ["growth.steps", "no crack"]),
+            (
+                "[crack]\nsurface = \"crack.stl\"\n",
+                "",
+                ["growth.steps", "no crack"],
+            ),
             ("[mesh]\nfile = \"block.msh\"\n", "", ["mesh", "missing"]),
-            ("steps = 10", "steps = 10\nsteps = 10", ["line 18", "duplicate"]),
+            (
+                "steps = 10",
+                "steps = 10\nsteps = 10",
+                ["line 18", "duplicate"],
+            ),
         ] {
             assert!(CASE.contains(from), "{from}");
             let error = format!("{:#}", read(&CASE.replacen(from, to, 1)).unwrap_err());

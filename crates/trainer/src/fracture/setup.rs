@@ -113,7 +113,8 @@ fn materials(case: &Case, file: &MeshFile) -> Result<Vec<TetMaterial>> {
         let toughness = m.toughness.unwrap_or(1.0);
         let material = TetMaterial::isotropic(m.young_modulus, m.poisson_ratio, toughness);
         let is_here = |volume: Option<u32>| {
-            m.region == "*" || volume.is_some_and(|v| is_named(&file.volumes[v as usize], &m.region))
+            m.region == "*"
+                || volume.is_some_and(|v| is_named(&file.volumes[v as usize], &m.region))
         };
         let mut found = false;
         for (slot, &volume) in of_tet.iter_mut().zip(&file.tet_volume) {
@@ -170,10 +171,16 @@ fn show(b: &Aabb) -> String {
 fn nodes_of(file: &MeshFile, key: &str, place: &Place) -> Result<Vec<u32>> {
     let mesh = &file.mesh;
     if let Some(name) = &place.surface {
-        return Ok(surface(file, key, name)?.iter().flatten().copied().collect());
+        return Ok(surface(file, key, name)?
+            .iter()
+            .flatten()
+            .copied()
+            .collect());
     }
     let bounds = region(&place.bounds.unwrap_or_default(), mesh);
-    let inside = (0u32..).zip(mesh.nodes()).filter(|(_, p)| bounds.contains(p));
+    let inside = (0u32..)
+        .zip(mesh.nodes())
+        .filter(|(_, p)| bounds.contains(p));
     let nodes: Vec<u32> = inside.map(|(i, _)| i).collect();
     ensure!(
         !nodes.is_empty(),
@@ -223,7 +230,8 @@ fn loads(case: &Case, file: &MeshFile) -> Result<Vec<SurfaceLoad>> {
             return Ok(found);
         }
         let bounds = region(&place.bounds.unwrap_or_default(), mesh);
-        let centroid = |f: &[u32; 3]| f.iter().map(|n| mesh.nodes()[*n as usize]).sum::<Vec3>() / 3.0;
+        let centroid =
+            |f: &[u32; 3]| f.iter().map(|n| mesh.nodes()[*n as usize]).sum::<Vec3>() / 3.0;
         let found: Vec<u32> = faces
             .filter(|(_, f)| bounds.contains(&centroid(f)))
             .map(|f| f.0)
@@ -246,8 +254,7 @@ fn loads(case: &Case, file: &MeshFile) -> Result<Vec<SurfaceLoad>> {
                     origin: t.origin.into(),
                     moment: t.moment,
                 };
-                check_arm(mesh, &faces, &kind)
-                    .with_context(|| format!("load.{i}.torque"))?;
+                check_arm(mesh, &faces, &kind).with_context(|| format!("load.{i}.torque"))?;
                 kind
             }
             _ => bail!("load.{i}: no kind is given"),
@@ -263,7 +270,9 @@ fn check_arm(mesh: &TetMesh, faces: &[u32], kind: &LoadKind) -> Result<()> {
         return Ok(());
     };
     let arm = |n: &u32| axis.cross(&(mesh.nodes()[*n as usize] - origin)).norm();
-    let nodes = faces.iter().flat_map(|&f| &mesh.boundary_faces()[f as usize]);
+    let nodes = faces
+        .iter()
+        .flat_map(|&f| &mesh.boundary_faces()[f as usize]);
     let longest = nodes.map(arm).fold(0.0, f64::max);
     let size = mesh.bounds();
     ensure!(
@@ -452,9 +461,14 @@ fn check_held(solid: &Solid) -> Result<()> {
                 "the body".to_owned()
             } else {
                 let at = solid.mesh.nodes()[part[0] as usize];
-                format!("the part of the mesh near ({:.3}, {:.3}, {:.3})", at.x, at.y, at.z)
+                format!(
+                    "the part of the mesh near ({:.3}, {:.3}, {:.3})",
+                    at.x, at.y, at.z
+                )
             };
-            bail!("support: {which} is not held: nothing stops it from {motion}; fix more nodes or axes");
+            bail!(
+                "support: {which} is not held: nothing stops it from {motion}; fix more nodes or axes"
+            );
         }
     }
     Ok(())

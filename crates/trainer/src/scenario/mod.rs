@@ -6,7 +6,7 @@ mod overrides;
 mod read;
 
 pub use overrides::Override;
-pub use read::{Source, load};
+pub use read::{Source, explain, load, parse_toml, plain};
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -242,7 +242,7 @@ pub struct Supports {
 impl Default for Supports {
     fn default() -> Self {
         Self {
-            condyles: Condyles::Fixed,
+            condyles: Condyles::Joint,
             soft_tissue: 1e-7,
             chin: 200.0,
         }
@@ -255,6 +255,8 @@ impl Default for Supports {
 pub enum Condyles {
     /// All displacements zero there.
     Fixed,
+    /// By the capsule of the joint: springs that keep the condyle in place and let it turn.
+    Joint,
 }
 
 /// Penalty contact between tools and bone.
@@ -465,7 +467,9 @@ pub struct Surgeon {
     pub max_depth: f64,
     /// The crack has stood still for so long: try something else \[s\].
     pub stall_time: f64,
-    /// Does not drive deeper above this displayed force, as a share of the device's limit.
+    /// Inserts and follows the crack with no more than this displayed force, as a share of the device's limit.
+    pub push_share: f64,
+    /// Likewise where the crack stands still and the chisels are driven on as wedges.
     pub force_share: f64,
     /// From the break to the first reaction, at mean \[s\].
     pub reaction_time: f64,
@@ -489,7 +493,8 @@ impl Default for Surgeon {
             wedge: 15.0,
             max_depth: 25.0,
             stall_time: 0.3,
-            force_share: 0.6,
+            push_share: 0.15,
+            force_share: 0.3,
             reaction_time: 0.06,
             relax_time: 0.15,
             variation: 0.05,

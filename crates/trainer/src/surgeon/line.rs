@@ -24,7 +24,12 @@ pub struct SplitLine {
     marks: Vec<Mark>,
     arc: Vec<f64>,
     ridge: [f64; 2],
+    drive: Vec3,
 }
+
+/// A blade leans from square to the slit's edge by no more than this \[rad\]: its leading corner then goes in by a
+/// quarter of its width before the other does.
+const MOST_LEAN: f64 = 0.3;
 
 impl SplitLine {
     /// Measures the line. Where no point is marked as ridge, the whole line counts as one.
@@ -47,7 +52,17 @@ impl SplitLine {
             (Some(a), Some(b)) if b > a => [arc[a], arc[b]],
             _ => [0.0, length],
         };
-        Ok(Self { marks, arc, ridge })
+        let on_ridge: Vec<Mark> = (marks.iter().zip(&arc))
+            .filter(|(_, s)| (ridge[0]..=ridge[1]).contains(*s))
+            .map(|(m, _)| *m)
+            .collect();
+        let drive = edge_and_square(&on_ridge).map_or(marks[0].toward, |(_, square)| square);
+        Ok(Self {
+            marks,
+            arc,
+            ridge,
+            drive,
+        })
     }
 
     /// Arc length at a share of the ridge.
@@ -110,32 +125,52 @@ impl SplitLine {
         }
     }
 
-    /// The frame of a blade of this width at `s`: origin on the surface, +z into the bone, x along the line, y across it.
+    /// The frame of a blade of this width at `s`: origin on the surface, +z the way it is driven, x along its edge, y across.
     ///
-    /// A slit is neither straight nor flat, a blade is both: +z is the mean direction over the blade's width, and across
-    /// the line the origin lies where the blade's plane runs through the middle of the slit, so that the edge goes in.
+    /// A slit is neither straight nor flat, a blade is both. Its plane is the slit's mean one: through the chord over the
+    /// blade's width and the mean direction of the saw, in the middle of the slit. Within this plane the edge would best
+    /// lie along the chord, but on a hollow ridge two such blades' shafts would meet: so each leans towards the common
+    /// [`drive`](Self::drive), by no more than [`MOST_LEAN`].
     pub fn frame(&self, s: f64, width: f64) -> Pose {
-        const SAMPLES: i32 = 4; // each side of the middle: a blade spans a handful of marks
-        let half = 0.5 * width;
         let here = self.mark(s);
-        let along_blade = |i: i32| {
-            let offset = half * f64::from(i) / f64::from(SAMPLES);
-            self.mark((s + offset).clamp(0.0, self.length()))
-        };
-        let samples = || (-SAMPLES..=SAMPLES).map(along_blade);
-        let sum = samples().map(|m| m.toward).sum::<Vec3>();
-        let z = sum.try_normalize(1e-9).unwrap_or(here.toward);
-        let chord = along_blade(SAMPLES).at - along_blade(-SAMPLES).at;
-        let along = chord - z * z.dot(&chord);
-        let x = along.try_normalize(1e-9).unwrap_or_else(|| any_across(&z));
-        let y = z.cross(&x);
-        let off = |m: Mark| y.dot(&(m.at + m.toward * (0.5 * m.depth) - here.at));
-        let n = f64::from(2 * SAMPLES + 1);
-        let origin = here.at + y * (samples().map(off).sum::<f64>() / n);
-        let axes = nalgebra::Matrix3::from_columns(&[x, y, z]);
+        let marks = self.below_blade(s, width);
+        let (chord, square) = edge_and_square(&marks).unwrap_or_else(|| {
+            let x = any_across(&here.toward);
+            (x, here.toward)
+        });
+        let y = square.cross(&chord);
+        let lean = chord.dot(&self.drive).atan2(square.dot(&self.drive));
+        let lean = lean.clamp(-MOST_LEAN, MOST_LEAN);
+        let z = square * lean.cos() + chord * lean.sin();
+        let off = |m: &Mark| y.dot(&(m.at + m.toward * (0.5 * m.depth) - here.at));
+        let n = marks.len() as f64;
+        let origin = here.at + y * (marks.iter().map(off).sum::<f64>() / n);
+        let axes = nalgebra::Matrix3::from_columns(&[y.cross(&z), y, z]);
         let rotation = nalgebra::Rotation3::from_matrix_unchecked(axes);
         let rotation = nalgebra::UnitQuaternion::from_rotation_matrix(&rotation);
         Pose::from_parts(origin.into(), rotation)
+    }
+
+    /// Square to the ridge as a whole, in its slit: the way both chisels are driven, so that their shafts are parallel.
+    pub fn drive(&self) -> Vec3 {
+        self.drive
+    }
+
+    /// The marks below a blade of this width, evenly from end to end: it spans a handful of the line's own.
+    fn below_blade(&self, s: f64, width: f64) -> [Mark; 9] {
+        std::array::from_fn(|k| {
+            let offset = width * (k as f64 / 8.0 - 0.5);
+            self.mark((s + offset).clamp(0.0, self.length()))
+        })
+    }
+
+    /// How far a blade of this width can go in at `s` before it stands on the slit's bottom \[mm\].
+    pub fn room(&self, s: f64, width: f64) -> f64 {
+        let frame = self.frame(s, width);
+        let z = frame.rotation * Vec3::z();
+        let bottom = |m: &Mark| z.dot(&(m.at + m.toward * m.depth - frame.translation.vector));
+        let marks = self.below_blade(s, width);
+        marks.iter().map(bottom).fold(f64::INFINITY, f64::min)
     }
 
     /// Least distance between the axes of two blades of these widths and this length outside the bone \[mm\].
@@ -158,22 +193,25 @@ impl SplitLine {
 
     /// How far the slit's middle, at its mouth and its bottom, strays from the plane of a blade of this width at `s` \[mm\].
     pub fn misfit(&self, s: f64, width: f64) -> f64 {
-        const SAMPLES: i32 = 4;
         let frame = self.frame(s, width);
-        let stray = |p: Vec3| {
-            frame
-                .inverse_transform_vector(&(p - frame.translation.vector))
-                .y
-                .abs()
-        };
-        (-SAMPLES..=SAMPLES)
-            .map(|i| {
-                let offset = 0.5 * width * f64::from(i) / f64::from(SAMPLES);
-                let m = self.mark((s + offset).clamp(0.0, self.length()));
-                stray(m.at).max(stray(m.at + m.toward * m.depth))
-            })
+        let y = frame.rotation * Vec3::y();
+        let stray = |p: Vec3| y.dot(&(p - frame.translation.vector)).abs();
+        self.below_blade(s, width)
+            .iter()
+            .map(|m| stray(m.at).max(stray(m.at + m.toward * m.depth)))
             .fold(0.0, f64::max)
     }
+}
+
+/// The chord of these marks and, in the plane of chord and mean direction, what is square to it; both of unit length.
+fn edge_and_square(marks: &[Mark]) -> Option<(Vec3, Vec3)> {
+    let [first, .., last] = marks else {
+        return None;
+    };
+    let chord = (last.at - first.at).try_normalize(1e-9)?;
+    let into: Vec3 = marks.iter().map(|m| m.toward).sum();
+    let square = (into - chord * chord.dot(&into)).try_normalize(1e-6)?;
+    Some((chord, square))
 }
 
 fn any_across(z: &Vec3) -> Vec3 {

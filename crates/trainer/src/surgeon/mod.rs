@@ -43,6 +43,8 @@ enum Task {
     Insert,
     /// Twisting and driving after the crack.
     Split,
+    /// Untwisting in place, while the other hand holds the crack open, and going deeper.
+    Reseat,
     /// Untwisting and coming out, to go to another place on the line.
     Withdraw { to: f64 },
     /// Going there, outside the bone.
@@ -83,6 +85,8 @@ struct Hand {
     sense: f64,
     /// Driven ahead of where it would follow \[mm\].
     bite: f64,
+    /// The crack's depth that it last went down for \[mm\].
+    reached: f64,
     /// Time of its last progress \[s\].
     progress: f64,
     /// Largest torque felt of late \[N mm\].
@@ -103,8 +107,14 @@ const MOST_LAG: f64 = 50.0;
 const STRAINED: f64 = 0.75;
 /// At this share of the device's torque the surgeon twists no further.
 const HOLD: f64 = 0.8;
-/// Front vertices this far along the line belong to a blade's neighbourhood \[mm\], beside half its width.
-const NEIGHBOURHOOD: f64 = 4.0;
+/// Front vertices this far along the line from a blade's ends are still below it \[mm\].
+const BESIDE: f64 = 1.0;
+/// Front vertices this far from a blade's plane belong to another cut \[mm\].
+const OFF_PLANE: f64 = 6.0;
+/// Untwisting is that much faster than twisting.
+const UNTWISTING: f64 = 2.0;
+/// Going deeper by less than this is not worth letting go of the twist \[mm\].
+const WORTH_RESEATING: f64 = 1.0;
 /// A torque that falls below this share of its recent peak is a break felt.
 const LOSS: f64 = 0.35;
 /// Below this share of the device's limit a torque tells nothing.
@@ -164,6 +174,7 @@ impl BuiltInSurgeon {
             twist: 0.0,
             sense: [1.0, -1.0][i],
             bite: 0.0,
+            reached: 0.0,
             progress: 0.0,
             torque_peak: 0.0,
         };
@@ -272,6 +283,7 @@ impl BuiltInSurgeon {
                 Task::Approach => self.approach(i),
                 Task::Insert => self.insert(i, wrench),
                 Task::Split => self.split(i, crack, wrench),
+                Task::Reseat => self.reseat(i, crack, wrench),
                 Task::Withdraw { to } => self.withdraw(i, to),
                 Task::Move { to } => self.go(i, to),
             }
@@ -299,12 +311,12 @@ impl BuiltInSurgeon {
     }
 
     fn first_depth(&self, i: usize) -> f64 {
-        self.habits.insert_depth * self.line.mark(self.hands[i].s).depth
+        self.habits.insert_depth * self.line.room(self.hands[i].s, self.width[i])
     }
 
     /// Pushes by at most one step until the tip is as deep as `goal`, as long as the force allows it.
     fn drive(&mut self, i: usize, goal: f64, wrench: &Wrench) -> bool {
-        let allowed = self.has_force(i, wrench);
+        let allowed = self.has_force(i, wrench, self.habits.push_share);
         let step = self.habits.drive_speed * self.dt;
         let hand = &mut self.hands[i];
         if hand.tip >= goal - ARRIVED {
@@ -320,7 +332,7 @@ impl BuiltInSurgeon {
     fn split(&mut self, i: usize, crack: &CrackView, wrench: &Wrench) {
         let rate = self.habits.twist_rate_deg.to_radians() * self.dt;
         let most = self.habits.twist_max_deg.to_radians();
-        let both = self.hands.iter().all(|h| h.task == Task::Split);
+        let both = (self.hands.iter()).all(|h| matches!(h.task, Task::Split | Task::Reseat));
         // Winding up a coupling that has no more to give would only hide the break from the hand.
         let has_torque = wrench.torque.norm() < HOLD * self.limits[i].torque;
         if both && has_torque {
@@ -337,22 +349,36 @@ impl BuiltInSurgeon {
         behind.max(self.first_depth(i))
     }
 
-    /// How deep the crack goes below this blade, in its driving direction \[mm\]: the least of the front there.
+    /// How deep the crack goes below this blade, in its driving direction \[mm\]: the least of the front there, and as deep as
+    /// a chisel ever goes where no front is left.
     fn crack_depth(&self, i: usize, crack: &CrackView) -> f64 {
         let frame = self.line.frame(self.hands[i].s, self.width[i]);
-        let reach = 0.5 * self.width[i] + NEIGHBOURHOOD;
-        let near = crack.front.iter().filter_map(|p| {
+        let reach = 0.5 * self.width[i] + BESIDE;
+        let below = crack.front.iter().filter_map(|p| {
             let local = frame.inverse_transform_vector(&(p - frame.translation.vector));
-            (local.x.abs() < reach && local.z > 0.0).then_some(local.z)
+            let is_below = local.x.abs() < reach && local.y.abs() < OFF_PLANE && local.z > 0.0;
+            is_below.then_some(local.z)
         });
-        near.fold(None, |least: Option<f64>, z| {
-            Some(least.map_or(z, |l| l.min(z)))
-        })
-        .unwrap_or(0.0)
+        below.fold(self.habits.max_depth, f64::min)
+    }
+
+    /// Lets go of the twist, goes as deep as the crack allows, and twists again.
+    fn reseat(&mut self, i: usize, crack: &CrackView, wrench: &Wrench) {
+        let turn = UNTWISTING * self.habits.twist_rate_deg.to_radians() * self.dt;
+        if !toward(&mut self.hands[i].twist, 0.0, turn) {
+            self.hands[i].progress = self.time;
+            return;
+        }
+        let arrived = self.drive(i, self.follow_depth(i, crack), wrench);
+        let stuck = self.time - self.hands[i].progress > self.habits.stall_time;
+        if arrived || stuck {
+            self.hands[i].task = Task::Split;
+            self.last_growth = self.time;
+        }
     }
 
     fn withdraw(&mut self, i: usize, to: f64) {
-        let turn = 2.0 * self.habits.twist_rate_deg.to_radians() * self.dt;
+        let turn = UNTWISTING * self.habits.twist_rate_deg.to_radians() * self.dt;
         let step = self.habits.approach_speed * self.dt;
         let hand = &mut self.hands[i];
         if toward(&mut hand.twist, 0.0, turn) && toward(&mut hand.depth, -CLEARANCE, step) {
@@ -383,9 +409,15 @@ impl BuiltInSurgeon {
         if !strained || still < self.habits.stall_time {
             return;
         }
+        if let Some(i) = self.deeper(crack) {
+            self.hands[i].reached = self.follow_depth(i, crack);
+            self.hands[i].bite = 0.0;
+            self.hands[i].task = Task::Reseat;
+            return;
+        }
         let mut can_drive = false;
         for (i, wrench) in wrenches.iter().enumerate() {
-            let has_force = self.has_force(i, wrench);
+            let has_force = self.has_force(i, wrench, self.habits.force_share);
             let step = self.habits.drive_speed * self.dt;
             let hand = &mut self.hands[i];
             if has_force && hand.bite < self.habits.wedge && hand.depth - hand.tip < MOST_LAG {
@@ -402,8 +434,23 @@ impl BuiltInSurgeon {
         }
     }
 
-    fn has_force(&self, i: usize, wrench: &Wrench) -> bool {
-        wrench.force.norm() < self.habits.force_share * self.limits[i].force
+    /// The hand that can go farthest down the crack without wedging, if it is worth the while and has not just been tried.
+    fn deeper(&self, crack: &CrackView) -> Option<usize> {
+        let gain = [0, 1].map(|i| {
+            let hand = &self.hands[i];
+            let deepest = self.follow_depth(i, crack).min(self.habits.max_depth);
+            if deepest > hand.reached + WORTH_RESEATING {
+                deepest - hand.tip
+            } else {
+                0.0
+            }
+        });
+        let i = usize::from(gain[1] > gain[0]);
+        (gain[i] > WORTH_RESEATING).then_some(i)
+    }
+
+    fn has_force(&self, i: usize, wrench: &Wrench, share: f64) -> bool {
+        wrench.force.norm() < share * self.limits[i].force
     }
 
     /// The chisel that does less goes to where most of what still holds is within its reach, and not tried too often.
@@ -416,7 +463,8 @@ impl BuiltInSurgeon {
         for (k, station) in self.stations.iter().enumerate() {
             let mut places = [stays; 2];
             places[mover] = station.s;
-            let is_free = (station.s - stays).abs() >= apart
+            // Hands do not cross: a chisel that went past the other would have to go through it.
+            let is_free = (station.s - stays) * (self.hands[mover].s - stays).signum() >= apart
                 && self.line.shaft_distance(places, &self.width, self.length) >= apart - CLEARANCE;
             let is_elsewhere = (station.s - self.hands[mover].s).abs() > 2.0;
             let worth = self.worth(station.s, mover, crack)
@@ -429,6 +477,7 @@ impl BuiltInSurgeon {
             self.stations[k].visits += 1;
             let hand = &mut self.hands[mover];
             hand.bite = 0.0;
+            hand.reached = 0.0;
             hand.task = Task::Withdraw {
                 to: self.stations[k].s,
             };

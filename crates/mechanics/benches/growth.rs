@@ -1,0 +1,203 @@
+//! What a growth step costs: everything assembled and factored anew, against the bordered factor; and what solves cost.
+//!
+//! A slender bar is split as in the operation: two kerfs half way through it, and a sheet along the bar that grows from one
+//! to the other until the bar is in two. Medians over the steps of one split; ratios are of the same run.
+//! Run with `cargo bench -p osteotome-mechanics --bench growth`; an argument of digits picks one size.
+#![allow(clippy::print_stdout)]
+use osteotome_mechanics::bone::{Supports, TetMaterial};
+use osteotome_mechanics::crack::{CutEdges, Fragments, System, Topology};
+use osteotome_mechanics::geometry::{TetLocator, TetMesh, TriMesh, Vec3, block_mesh};
+use std::hint::black_box;
+use std::time::Instant;
+
+fn rectangle(corner: [f64; 3], along: [f64; 3], across: [f64; 3]) -> TriMesh {
+    let [o, a, b] = [corner, along, across].map(Vec3::from);
+    TriMesh {
+        vertices: vec![o, o + a, o + a + b, o + b],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+    }
+}
+
+/// A bar of unit bricks, its kerfs, and the strips of its growing sheet.
+struct Split {
+    mesh: TetMesh,
+    kerfs: [TriMesh; 2],
+    strips: Vec<TriMesh>,
+}
+
+fn split(cells: [usize; 3]) -> Split {
+    let [l, b, h] = cells.map(|n| n as f64);
+    let mesh = block_mesh(Vec3::zeros(), Vec3::new(l, b, h), cells);
+    let middle = (0.5 * h).floor() + 0.4;
+    let (start, end) = ((l / 3.0).floor() + 0.45, (2.0 * l / 3.0).floor() + 0.55);
+    let across = [0.0, b + 2.0, 0.3];
+    let kerfs = [
+        rectangle([start, -1.0, middle - 0.3], [0.2, 0.0, h], across),
+        rectangle([end, -1.0, middle + 0.5], [0.2, 0.0, -h], across),
+    ];
+    let n = ((end - start) / 0.8).ceil() as usize;
+    let step = (end - start + 0.5) / n as f64;
+    let strip = |k: usize| {
+        let x = start - 0.3 + step * k as f64;
+        rectangle([x - 0.4, -1.0, middle], [step + 0.4, 0.0, 0.0], across)
+    };
+    Split {
+        mesh,
+        kerfs,
+        strips: (0..n).map(strip).collect(),
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+/// Milliseconds of one call.
+fn timed<T>(f: impl FnOnce() -> T) -> (f64, T) {
+    let start = Instant::now();
+    let result = black_box(f());
+    (1e3 * start.elapsed().as_secs_f64(), result)
+}
+
+/// Median milliseconds of `n` calls.
+fn repeated(n: usize, mut f: impl FnMut()) -> f64 {
+    median((0..n).map(|_| timed(&mut f).0).collect())
+}
+
+fn bench(cells: [usize; 3]) {
+    let Split {
+        mesh,
+        kerfs,
+        strips,
+    } = split(cells);
+    let locator = TetLocator::new(&mesh);
+    let materials = vec![TetMaterial::isotropic(13_000.0, 0.3, 1.0); mesh.tets().len()];
+    let centre = |x: f64| Vec3::new(x, 0.5 * cells[1] as f64, 0.5 * cells[2] as f64);
+    let ends = [centre(0.0)];
+    let supports = Supports::near(&mesh, &ends, 0.5 * cells[1] as f64, 1e-7, 13_000.0);
+    let mut cuts = CutEdges::new(&mesh);
+    for kerf in &kerfs {
+        cuts.cut(&mesh, &locator, kerf, 4);
+    }
+    let mut topology = Topology::new(&mesh, &cuts);
+    let mut system = System::new(&mesh, &materials, &topology, &supports).unwrap();
+    println!(
+        "\n{} nodes, {} tets, {} unknowns at the start, {} steps",
+        mesh.nodes().len(),
+        mesh.tets().len(),
+        system.n(),
+        strips.len()
+    );
+    let full_every = (strips.len() / if mesh.nodes().len() > 10_000 { 3 } else { 100 }).max(1);
+    let [mut cut_ms, mut topology_ms, mut system_ms] = [const { Vec::new() }; 3];
+    let [mut full_topology_ms, mut full_ms, mut full_solve_ms] = [const { Vec::new() }; 3];
+    for (k, strip) in strips.iter().enumerate() {
+        let (ms, new) = timed(|| cuts.cut(&mesh, &locator, strip, 4));
+        cut_ms.push(ms);
+        let (ms, next) = timed(|| topology.grown(&mesh, &cuts, &new));
+        topology_ms.push(ms);
+        topology = next;
+        let (ms, next) = timed(|| system.grown(&mesh, &materials, &topology, &supports));
+        system_ms.push(ms);
+        system = next.unwrap();
+        if k % full_every == 0 || k + 1 == strips.len() {
+            full_topology_ms.push(timed(|| Topology::new(&mesh, &cuts)).0);
+            let (ms, full) = timed(|| System::new(&mesh, &materials, &topology, &supports));
+            full_ms.push(ms);
+            let full = full.unwrap();
+            let (mut x, mut scratch) = (vec![1.0; full.n()], full.scratch());
+            full_solve_ms.push(repeated(5, || full.solve(&mut x, &mut scratch)));
+        }
+    }
+    let (find_ms, fragments) = timed(|| Fragments::find(&mesh, &cuts));
+    let worst = system_ms.iter().copied().fold(0.0, f64::max);
+    let sum: f64 = system_ms.iter().sum();
+    let (grown, full) = (median(system_ms), median(full_ms));
+    let factor = system.factor();
+    println!(
+        "  {} fragments; border of {} unknowns; values kept {:?}",
+        fragments.count(),
+        factor.n_border(),
+        factor.n_values()
+    );
+    println!(
+        "  linearisation + factorisation, ms: full {full:.3}, bordered {grown:.3} (worst {worst:.3}, whole split {sum:.1}); ratio {:.1}",
+        full / grown
+    );
+    let (t_grown, t_full) = (median(topology_ms), median(full_topology_ms));
+    println!(
+        "  topology, ms: full {t_full:.3}, grown {t_grown:.3}; with it, ratio {:.1}",
+        (full + t_full) / (grown + t_grown)
+    );
+    println!(
+        "  cutting {:.3} ms, finding fragments {find_ms:.3} ms",
+        median(cut_ms)
+    );
+    solves(&mesh, &topology, &system, median(full_solve_ms));
+}
+
+/// Solves at the end of the split: all of it, the region of contacts and crack, and half solves of contact forces.
+fn solves(mesh: &TetMesh, topology: &Topology, system: &System, full_ms: f64) {
+    let mut scratch = system.scratch();
+    let mut x = vec![1.0; system.n()];
+    let solve_ms = repeated(15, || system.solve(&mut x, &mut scratch));
+    // Contacts: the divided cells nearest to the first kerf.
+    let from = mesh.bounds().max.x / 3.0;
+    let distance = |c: u32| {
+        let tet = topology.cells()[c as usize].tet;
+        (mesh.corners(tet as usize)[0].x - from).abs()
+    };
+    let mut contacts: Vec<u32> = (0..topology.cells().len() as u32)
+        .filter(|c| topology.is_divided(topology.cells()[*c as usize].tet))
+        .collect();
+    contacts.sort_by(|a, b| distance(*a).total_cmp(&distance(*b)).then(a.cmp(b)));
+    contacts.truncate(24);
+    let cells: Vec<_> = contacts
+        .iter()
+        .map(|c| &topology.cells()[*c as usize])
+        .collect();
+    let region = system.region(mesh, cells.iter().copied());
+    let mut x = vec![0.0; system.n()];
+    let region_ms = repeated(15, || {
+        x.fill(0.0);
+        system.add_force(mesh, cells[0], &[0.25; 4], &Vec3::x(), &mut x);
+        system.solve_region(&region, &mut x, &mut scratch);
+    });
+    let columns: Vec<_> = cells
+        .iter()
+        .map(|cell| {
+            let mut column = Vec::new();
+            system.push_force(mesh, cell, &[0.25; 4], &Vec3::y(), &mut column);
+            column
+        })
+        .collect();
+    let half_ms = repeated(9, || {
+        black_box(system.half_solve(&columns));
+    });
+    let half = system.half_solve(&columns);
+    let compliance_ms = repeated(9, || {
+        black_box(half.compliance(&half));
+    });
+    println!(
+        "  solve, ms: full factor {full_ms:.3}, bordered {solve_ms:.3}; region of {} of {} unknowns {region_ms:.3}",
+        region.n_rows() + system.factor().n_border(),
+        system.n()
+    );
+    println!("  24 half solves {half_ms:.3} ms, their compliance {compliance_ms:.3} ms");
+}
+
+fn main() {
+    let wanted = std::env::args()
+        .skip(1)
+        .find_map(|a| a.parse::<usize>().ok());
+    for (size, cells) in [
+        (600, [24, 4, 4]),
+        (5000, [50, 9, 9]),
+        (25_000, [100, 16, 14]),
+    ] {
+        if wanted.is_none_or(|w| w == size) {
+            bench(cells);
+        }
+    }
+}

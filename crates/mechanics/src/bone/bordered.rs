@@ -1,0 +1,467 @@
+use super::dense::{add_columns, dot, subtract_dots, subtract_product, view, view_mut};
+use super::factor::{Factor, FactorError, Path};
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::{
+    LltRegularization, cholesky_in_place, cholesky_in_place_scratch,
+};
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
+use faer::{Par, Spec};
+use std::sync::Arc;
+
+/// Factor of a matrix that grows by rows and columns at its end; the base is factored once and for all.
+///
+/// With the base K_uu = L L^T and the border K_ua, K_aa: W = L^-1 K_ua, kept on its path in L, and the dense Cholesky factor
+/// of S = K_aa - W^T W. Both are kept by batches of columns behind `Arc`, so that a grown factor shares all it had before.
+/// A solve is a sweep up L, a dense one, and a sweep down L; it allocates nothing.
+#[derive(Clone, Debug)]
+pub struct Bordered {
+    base: Arc<Factor>,
+    batches: Vec<Arc<Batch>>,
+    n_border: usize,
+    longest: usize,
+}
+
+/// Some consecutive columns of the border.
+#[derive(Debug)]
+struct Batch {
+    path: Path,
+    /// W, packed along the path.
+    w: Vec<f64>,
+    /// Border columns before this batch, and in it.
+    before: usize,
+    m: usize,
+    /// This batch's rows of the Cholesky factor of S: m x (before + m), column-major, lower.
+    rows: Vec<f64>,
+}
+
+/// One scalar row of the border to be appended.
+#[derive(Clone, Debug, Default)]
+pub struct BorderRow {
+    /// Couplings with unknowns of the base: which, and the value.
+    pub base: Vec<(u32, f64)>,
+    /// Couplings with unknowns of the border up to this row itself, counted from the border's first.
+    pub border: Vec<(u32, f64)>,
+}
+
+/// Memory of a solve, kept so that solving allocates nothing.
+#[derive(Debug)]
+pub struct SolveScratch {
+    y: Vec<f64>,
+    below: Vec<f64>,
+    packed: Vec<f64>,
+    whole: Path,
+}
+
+/// Unknowns between which solves are wanted: where forces act, and where displacements are read.
+#[derive(Clone, Debug, Default)]
+pub struct Region {
+    path: Path,
+}
+
+impl Region {
+    /// Unknowns of the base that a solve in this region passes through.
+    pub fn n_rows(&self) -> usize {
+        self.path.n_rows()
+    }
+}
+
+/// L^-1 B of the whole bordered factor for some columns B: products of two of them are compliances B^T K^-1 C.
+#[derive(Clone, Debug)]
+pub struct HalfSolved {
+    path: Path,
+    base: Vec<f64>,
+    border: Vec<f64>,
+    n_border: usize,
+    m: usize,
+}
+
+/// Most columns in a batch: enough for dense products, few enough that their paths have most in common.
+const MOST_COLUMNS: usize = 48;
+
+impl Bordered {
+    /// A factor without border.
+    pub fn new(base: Factor) -> Self {
+        let longest = base.longest_pattern();
+        Self {
+            base: Arc::new(base),
+            batches: Vec::new(),
+            n_border: 0,
+            longest,
+        }
+    }
+
+    /// Number of unknowns.
+    pub fn n(&self) -> usize {
+        self.base.n() + self.n_border
+    }
+
+    /// Number of unknowns of the border.
+    pub fn n_border(&self) -> usize {
+        self.n_border
+    }
+
+    /// Values kept: (base, border).
+    pub fn n_values(&self) -> (usize, usize) {
+        let values = |b: &Arc<Batch>| b.w.len() + b.rows.len();
+        (self.base.n_values(), self.batches.iter().map(values).sum())
+    }
+
+    /// The factor with further rows and columns at the end. Shares everything with this one.
+    ///
+    /// # Errors
+    /// [`FactorError::NotPositiveDefinite`] if the grown matrix is not positive definite.
+    pub fn grown(&self, rows: &[BorderRow]) -> Result<Self, FactorError> {
+        let mut grown = self.clone();
+        for rows in rows.chunks(MOST_COLUMNS) {
+            grown.append(rows)?;
+        }
+        Ok(grown)
+    }
+
+    fn append(&mut self, rows: &[BorderRow]) -> Result<(), FactorError> {
+        let (m, before) = (rows.len(), self.n_border);
+        let base: Vec<_> = rows.iter().map(|r| r.base.as_slice()).collect();
+        let (path, w) = self.forward_base(&base);
+        // Rows of S, then of its factor.
+        let mut s = vec![0.0; m * (before + m)];
+        for (i, row) in rows.iter().enumerate() {
+            for &(j, v) in &row.border {
+                s[i + m * j as usize] = v;
+            }
+        }
+        for b in &self.batches {
+            let columns = &mut s[m * b.before..m * (b.before + b.m)];
+            subtract_common(columns, m, (&path, &w, m), (&b.path, &b.w, b.m));
+        }
+        subtract_common(&mut s[m * before..], m, (&path, &w, m), (&path, &w, m));
+        self.forward_border(&mut s, m);
+        let (known, own) = s.split_at_mut(m * before);
+        let known = view(known, m, 0, m, before);
+        subtract_product(view_mut(own, m, 0, m, m), known, known.transpose());
+        let need = cholesky_in_place_scratch::<f64>(m, Par::Seq, Spec::default());
+        cholesky_in_place(
+            view_mut(own, m, 0, m, m),
+            LltRegularization::default(),
+            Par::Seq,
+            MemStack::new(&mut MemBuffer::new(need)),
+            Spec::default(),
+        )
+        .map_err(|_| FactorError::NotPositiveDefinite)?;
+        self.longest = self.longest.max(path.n_rows());
+        self.batches.push(Arc::new(Batch {
+            path,
+            w,
+            before,
+            m,
+            rows: s,
+        }));
+        self.n_border += m;
+        Ok(())
+    }
+
+    /// L^-1 of sparse columns of the base, packed along their common path.
+    fn forward_base(&self, columns: &[&[(u32, f64)]]) -> (Path, Vec<f64>) {
+        let path = self
+            .base
+            .path(columns.iter().flat_map(|c| c.iter().map(|e| e.0)));
+        let n_rows = path.n_rows();
+        let mut panel = vec![0.0; n_rows * columns.len()];
+        if n_rows > 0 {
+            for (column, packed) in columns.iter().zip(panel.chunks_exact_mut(n_rows)) {
+                for &(i, v) in *column {
+                    packed[self.base.packed_row(&path, i as usize)] += v;
+                }
+            }
+            self.base.forward_packed(&path, &mut panel, columns.len());
+        }
+        (path, panel)
+    }
+
+    /// X <- X L_S^-T for `m` rows X of the border, column-major: the dense forward sweep, batch by batch.
+    fn forward_border(&self, x: &mut [f64], m: usize) {
+        for b in &self.batches {
+            let (known, rest) = x.split_at_mut(m * b.before);
+            let own = &mut rest[..m * b.m];
+            let left = view(&b.rows, b.m, 0, b.m, b.before);
+            let known = view(known, m, 0, m, b.before);
+            subtract_product(view_mut(own, m, 0, m, b.m), known, left.transpose());
+            let triangle = view(&b.rows[b.m * b.before..], b.m, 0, b.m, b.m);
+            let own = view_mut(own, m, 0, m, b.m);
+            solve_lower_triangular_in_place(triangle, own.transpose_mut(), Par::Seq);
+        }
+    }
+
+    /// Memory for [`solve`](Self::solve).
+    pub fn scratch(&self) -> SolveScratch {
+        SolveScratch {
+            y: vec![0.0; self.base.n()],
+            below: vec![0.0; self.longest],
+            packed: vec![0.0; self.longest],
+            whole: self.base.whole(),
+        }
+    }
+
+    /// Solves K x = b in place for right-hand sides stored one after the other. Allocates nothing.
+    ///
+    /// `x`: n values a right-hand side.
+    pub fn solve(&self, x: &mut [f64], scratch: &mut SolveScratch) {
+        let whole = std::mem::take(&mut scratch.whole);
+        for x in x.chunks_exact_mut(self.n()) {
+            self.solve_on(&whole, x, scratch);
+        }
+        scratch.whole = whole;
+    }
+
+    /// The region of the given unknowns; the border and all that it couples with are always part of it.
+    pub fn region(&self, unknowns: impl IntoIterator<Item = u32>) -> Region {
+        let in_base = |i: &u32| (*i as usize) < self.base.n();
+        let path = self.base.path(unknowns.into_iter().filter(in_base));
+        let batches = self.batches.iter().map(|b| &b.path.supernodes);
+        Region {
+            path: self.base.joined(batches.chain([&path.supernodes])),
+        }
+    }
+
+    /// As [`solve`](Self::solve) for one right-hand side that is zero outside the region; of the result only what lies in
+    /// the region is computed, the rest of `x` keeps what it held. Allocates nothing.
+    pub fn solve_region(&self, region: &Region, x: &mut [f64], scratch: &mut SolveScratch) {
+        self.solve_on(&region.path, x, scratch);
+    }
+
+    fn solve_on(&self, path: &Path, x: &mut [f64], scratch: &mut SolveScratch) {
+        let (u, a) = x.split_at_mut(self.base.n());
+        let SolveScratch {
+            y, below, packed, ..
+        } = scratch;
+        assert!(
+            below.len() >= self.longest,
+            "the scratch was made for an earlier generation"
+        );
+        self.base.place_all(path, u, y);
+        self.base.forward(path, y, below);
+        for b in &self.batches {
+            let packed = &mut packed[..b.path.n_rows()];
+            self.base.gather(&b.path, y, packed);
+            subtract_dots(&mut a[b.before..b.before + b.m], &b.w, packed.len(), packed);
+        }
+        self.solve_border(a);
+        for b in &self.batches {
+            let packed = &mut packed[..b.path.n_rows()];
+            packed.fill(0.0);
+            add_columns(packed, &b.w, packed.len(), &a[b.before..b.before + b.m]);
+            self.base.scatter_subtract(&b.path, packed, y);
+        }
+        self.base.backward(path, y, below);
+        self.base.take_all(path, y, u);
+    }
+
+    /// a <- S^-1 a.
+    fn solve_border(&self, a: &mut [f64]) {
+        let mut buffer = [0.0; MOST_COLUMNS];
+        for b in &self.batches {
+            let (known, rest) = a.split_at_mut(b.before);
+            let own = &mut rest[..b.m];
+            let sum = &mut buffer[..b.m];
+            sum.fill(0.0);
+            add_columns(sum, &b.rows, b.m, known);
+            let triangle = &b.rows[b.m * b.before..];
+            for c in 0..b.m {
+                let column = &triangle[c * b.m..(c + 1) * b.m];
+                own[c] = (own[c] - sum[c]) / column[c];
+                for r in c + 1..b.m {
+                    sum[r] += column[r] * own[c];
+                }
+            }
+        }
+        for b in self.batches.iter().rev() {
+            let (known, rest) = a.split_at_mut(b.before);
+            let own = &mut rest[..b.m];
+            let triangle = &b.rows[b.m * b.before..];
+            for c in (0..b.m).rev() {
+                let column = &triangle[c * b.m..(c + 1) * b.m];
+                own[c] = (own[c] - dot(&column[c + 1..], &own[c + 1..])) / column[c];
+            }
+            subtract_dots(known, &b.rows, b.m, own);
+        }
+    }
+
+    /// The forward half of a solve for sparse columns (unknown, value).
+    pub fn half_solve(&self, columns: &[Vec<(u32, f64)>]) -> HalfSolved {
+        let (m, n) = (columns.len(), self.base.n() as u32);
+        let in_base = |c: &Vec<(u32, f64)>| c.iter().filter(|e| e.0 < n).copied().collect();
+        let base: Vec<Vec<_>> = columns.iter().map(in_base).collect();
+        let base: Vec<_> = base.iter().map(Vec::as_slice).collect();
+        let (path, base) = self.forward_base(&base);
+        let mut border = vec![0.0; m * self.n_border];
+        for (i, column) in columns.iter().enumerate() {
+            for &(j, v) in column.iter().filter(|e| e.0 >= n) {
+                border[i + m * (j - n) as usize] += v;
+            }
+        }
+        for b in &self.batches {
+            let own = &mut border[m * b.before..m * (b.before + b.m)];
+            subtract_common(own, m, (&path, &base, m), (&b.path, &b.w, b.m));
+        }
+        self.forward_border(&mut border, m);
+        HalfSolved {
+            path,
+            base,
+            border,
+            n_border: self.n_border,
+            m,
+        }
+    }
+}
+
+impl HalfSolved {
+    /// Number of columns.
+    pub fn n_columns(&self) -> usize {
+        self.m
+    }
+
+    /// B^T K^-1 C, column-major, where `self` is half of K^-1 B and `other` of K^-1 C.
+    pub fn compliance(&self, other: &Self) -> Vec<f64> {
+        let mut c = vec![0.0; self.m * other.m];
+        let (m, n) = (self.m, other.m);
+        subtract_common(
+            &mut c,
+            m,
+            (&self.path, &self.base, m),
+            (&other.path, &other.base, n),
+        );
+        let a = view(&self.border, m, 0, m, self.n_border);
+        let b = view(&other.border, n, 0, n, other.n_border);
+        subtract_product(view_mut(&mut c, m, 0, m, n), a, b.transpose());
+        c.iter_mut().for_each(|v| *v = -*v);
+        c
+    }
+}
+
+type Packed<'a> = (&'a Path, &'a [f64], usize);
+
+/// c -= a^T b over the rows that two packed panels have in common; c is column-major with `stride` rows.
+fn subtract_common(c: &mut [f64], stride: usize, a: Packed, b: Packed) {
+    let ((a_path, a, a_columns), (b_path, b, b_columns)) = (a, b);
+    for (i, j, n) in a_path.common(b_path) {
+        subtract_product(
+            view_mut(c, stride, 0, a_columns, b_columns),
+            view(a, a_path.n_rows(), i, n, a_columns).transpose(),
+            view(b, b_path.n_rows(), j, n, b_columns),
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::block_matrix::BlockMatrix;
+    use super::*;
+    use nalgebra::{DMatrix, DVector, Matrix3};
+
+    /// A chain of blocks with some far couplings, positive definite by its diagonal.
+    fn matrix(n_blocks: usize) -> BlockMatrix {
+        let pairs = |b: u32| [(b / 2, b), (b.saturating_sub(1), b), (b / 5, b)];
+        let pairs: Vec<_> = (1..n_blocks as u32).flat_map(pairs).collect();
+        let mut matrix = BlockMatrix::zeros(n_blocks, pairs.iter().copied());
+        for (k, (col, row)) in pairs.into_iter().enumerate() {
+            let v = |r: usize, c: usize| ((k * 7 + 3 * r + c) as f64).sin();
+            matrix.add(row, col, &Matrix3::from_fn(v));
+        }
+        for b in 0..n_blocks as u32 {
+            let spin = Matrix3::from_fn(|r, c| 0.1 * ((r + c) as f64).cos());
+            matrix.add(b, b, &(Matrix3::identity() * 20.0 + spin));
+        }
+        matrix
+    }
+
+    fn dense(matrix: &BlockMatrix) -> DMatrix<f64> {
+        let n = 3 * matrix.n_blocks();
+        let mut full = DMatrix::zeros(n, n);
+        for j in 0..n {
+            let mut x = vec![0.0; n];
+            x[j] = 1.0;
+            let mut y = vec![0.0; n];
+            matrix.multiply_add(&x, &mut y);
+            full.set_column(j, &DVector::from_vec(y));
+        }
+        full
+    }
+
+    /// The factor of the leading `n_base` blocks, bordered by the rest in two growths.
+    fn bordered(full: &DMatrix<f64>, base: &BlockMatrix) -> Bordered {
+        let n = 3 * base.n_blocks();
+        let row = |i: usize| BorderRow {
+            base: (0..n)
+                .filter(|j| full[(i, *j)] != 0.0)
+                .map(|j| (j as u32, full[(i, j)]))
+                .collect(),
+            border: (n..=i).map(|j| ((j - n) as u32, full[(i, j)])).collect(),
+        };
+        let rows: Vec<_> = (n..full.nrows()).map(row).collect();
+        let factor = Bordered::new(Factor::new(base).unwrap());
+        let once = factor.grown(&rows[..5]).unwrap();
+        once.grown(&rows[5..]).unwrap()
+    }
+
+    #[test]
+    fn solves_and_half_solves_agree_with_a_dense_inverse() {
+        let whole = matrix(70);
+        let full = dense(&whole);
+        let base = {
+            let mut base =
+                BlockMatrix::zeros(40, whole.iter().filter(|e| e.0 < 40).map(|e| (e.1, e.0)));
+            for (row, col, k) in whole.iter().filter(|e| e.0 < 40) {
+                base.add(row, col, k);
+            }
+            base
+        };
+        let inverse = full.clone().try_inverse().unwrap();
+        let factor = bordered(&full, &base);
+        assert_eq!((factor.n(), factor.n_border()), (210, 90));
+        let b = DVector::from_fn(210, |i, _| (i as f64).cos());
+        let mut x = b.as_slice().to_vec();
+        factor.solve(&mut x, &mut factor.scratch());
+        let exact = &inverse * &b;
+        assert!((DVector::from_vec(x) - &exact).amax() < 1e-13);
+
+        let columns = [
+            vec![(3, 1.0), (50, -2.0)],
+            vec![(7, 1.0)],
+            vec![(100, 0.5), (180, 1.5)],
+        ];
+        let of = |column: &[(u32, f64)]| {
+            let mut v = DVector::zeros(210);
+            column.iter().for_each(|e| v[e.0 as usize] += e.1);
+            v
+        };
+        let half = factor.half_solve(&columns);
+        let other = factor.half_solve(&columns[1..]);
+        let c = half.compliance(&other);
+        for (i, a) in columns.iter().enumerate() {
+            for (j, b) in columns[1..].iter().enumerate() {
+                let exact = of(a).dot(&(&inverse * of(b)));
+                assert!((c[i + 3 * j] - exact).abs() < 1e-14);
+            }
+        }
+        let region = factor.region([3, 50, 190]);
+        let mut x = of(&columns[0]).as_slice().to_vec();
+        let exact = &inverse * of(&columns[0]);
+        factor.solve_region(&region, &mut x, &mut factor.scratch());
+        for i in [3, 50, 125, 190] {
+            assert!((x[i] - exact[i]).abs() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn an_indefinite_matrix_is_refused() {
+        let mut base = matrix(3);
+        let row = BorderRow {
+            base: vec![(0, 30.0)],
+            border: vec![(0, 1.0)],
+        };
+        let grown = Bordered::new(Factor::new(&base).unwrap()).grown(&[row]);
+        assert_eq!(grown.unwrap_err(), FactorError::NotPositiveDefinite);
+        base.add(2, 2, &(Matrix3::identity() * -30.0));
+        let refused = Factor::new(&base).unwrap_err();
+        assert_eq!(refused, FactorError::NotPositiveDefinite);
+    }
+}
