@@ -1,6 +1,7 @@
 use super::body::CrackedBody;
 use super::enrichment::Topology;
 use super::stress_intensity::CellForce;
+use crate::bone::stiffness;
 use crate::geometry::{NO_TET, TET_EDGES, TET_FACES, TetMesh, Vec3};
 
 /// A load on a part of the body's boundary.
@@ -70,6 +71,47 @@ impl CrackedBody {
                 force: traction(&p.position) * p.area,
             })
             .collect()
+    }
+
+    /// What supports do to the boundary faces they hold: traction times area in the held directions, for the solution `x`.
+    ///
+    /// An interaction integral whose domain reaches a held face needs them: at a plane of symmetry the auxiliary field of
+    /// K_III moves against the reaction. Faces count whose three nodes are all held in a direction.
+    pub fn support_forces(&self, x: &[f64]) -> Vec<CellForce> {
+        let solid = &self.solid;
+        let mesh = &solid.mesh;
+        let held = |n: u32| {
+            let fixed = solid.supports.is_fixed(n);
+            solid
+                .supports
+                .prescribed_at(n)
+                .map(|p| fixed || p.is_some())
+        };
+        let mut forces = Vec::new();
+        for (face, &(t, k)) in mesh.boundary_faces().iter().zip(&face_holders(mesh)) {
+            let nodes = face.map(held);
+            let axes = [0, 1, 2].map(|a| nodes.iter().all(|n| n[a]));
+            if axes == [false; 3] {
+                continue;
+            }
+            let outward = -mesh.gradients()[t as usize][k].normalize();
+            for (cell, triangle) in self.face_pieces(t, k) {
+                let own = &self.topology.cells()[cell as usize];
+                let u = self.system.cell_displacements(mesh, own, x);
+                let grad_u = stiffness::displacement_gradient(&mesh.gradients()[t as usize], &u);
+                let lame = solid.materials[t as usize].lame();
+                let traction = stiffness::stress(&lame, &grad_u) * outward;
+                let traction = Vec3::from_fn(|a, _| if axes[a] { traction[a] } else { 0.0 });
+                let mut points = Vec::new();
+                push_points(mesh, t, cell, &triangle, &mut points);
+                forces.extend(points.iter().map(|p| CellForce {
+                    cell,
+                    weights: p.weights,
+                    force: traction * p.area,
+                }));
+            }
+        }
+        forces
     }
 
     fn face_points(&self, faces: &[u32]) -> Vec<FacePoint> {

@@ -102,7 +102,9 @@ impl Study {
             return (state, Verdict::Stops(Some(reason.to_owned())));
         }
         let lengths = &self.body.solid.lengths;
-        let fronts = self.body.evaluate_fronts(&x, &loads, 0.0);
+        let mut acting = loads;
+        acting.extend(self.body.support_forces(&x));
+        let fronts = self.body.evaluate_fronts(&x, &acting, 0.0);
         let drives = FrontDrives::new(&fronts, self.criterion, lengths);
         let mut state = State {
             x,
