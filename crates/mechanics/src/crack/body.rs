@@ -2,8 +2,7 @@ use super::cut_edges::CutEdges;
 use super::enrichment::Topology;
 use super::fragments::Fragments;
 use super::growth::{GrowthLengths, Surroundings, grow};
-use super::lead::Lead;
-use super::stress_intensity::{CellForce, Fields, Station, evaluate, front_frames};
+use super::stress_intensity::{CellForce, Fields, Station, evaluate};
 use super::surface::{CrackSurface, Front};
 use super::system::System;
 use crate::bone::{FactorError, MaterialError, Supports, TetMaterial, free_motion};
@@ -63,19 +62,6 @@ impl Solid {
     /// Pieces of fewer nodes are chips, not fragments: cuts that would only crumble one off are not made.
     pub fn chip_nodes(&self) -> usize {
         (self.mesh.nodes().len() / 300).max(2)
-    }
-
-    /// What is to be cut ahead of the fronts of a crack that has not grown yet, with the sheet of each.
-    fn leads(&self, crack: &CrackSurface) -> Vec<(usize, Lead)> {
-        let fronts = crack.fronts(&self.mesh, &self.locator, self.lengths.stick());
-        let lead = |front: &Front| {
-            let sheet = &crack.sheets[front.sheet];
-            let (points, advances) = front_frames(sheet, front, self.lengths.h);
-            let around = self.surroundings();
-            let lead = around.lead_ahead(crack, front.sheet, &points, &advances);
-            (front.sheet, lead)
-        };
-        fronts.iter().map(lead).collect()
     }
 
     /// Pieces that neither support nor spring holds.
@@ -160,22 +146,9 @@ impl CrackedBody {
     /// [`BodyError`] for a material out of range or a body that nothing holds.
     pub fn new(solid: Arc<Solid>, mut crack: CrackSurface) -> Result<Self, BodyError> {
         solid.check()?;
-        let leads = solid.leads(&crack);
-        let (mesh, locator) = (&solid.mesh, &solid.locator);
-        let mut cuts = CutEdges::new(mesh);
-        for sheet in &crack.sheets {
-            cuts.seat_nodes(mesh, locator, &sheet.mesh);
-        }
-        for (_, lead) in &leads {
-            lead.seat(&mut cuts, mesh, locator);
-        }
-        for sheet in &crack.sheets {
-            cuts.cut(mesh, locator, &sheet.mesh, solid.chip_nodes());
-        }
-        for (sheet, lead) in leads {
-            lead.cut(&mut cuts, mesh, locator, solid.chip_nodes());
-            crack.sheets[sheet].lead.append(&lead.mesh);
-        }
+        let cuts = solid
+            .surroundings()
+            .first_cuts(&mut crack, solid.chip_nodes());
         let topology = Topology::new(&solid.mesh, &cuts);
         let fragments = Fragments::find(&solid.mesh, &cuts);
         let loose = solid.loose_pieces(&fragments);

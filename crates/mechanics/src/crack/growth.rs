@@ -1,7 +1,8 @@
 //! How the explicit crack grows: stations advance, a strip of triangles joins the old front to the new one.
+use super::criterion::Criterion;
 use super::cut_edges::CutEdges;
 use super::lead::Lead;
-use super::stress_intensity::Station;
+use super::stress_intensity::{Station, front_frames};
 use super::surface::{CrackSurface, Front, Sheet};
 use crate::geometry::{TetLocator, TetMesh, TriMesh, Vec3};
 
@@ -16,6 +17,8 @@ pub struct GrowthLengths {
     pub spacing: f64,
     /// Largest kink in one step \[rad\].
     pub max_kink: f64,
+    /// What the direction maximises.
+    pub criterion: Criterion,
 }
 
 impl GrowthLengths {
@@ -25,7 +28,8 @@ impl GrowthLengths {
             h,
             increment: 0.8 * h,
             spacing: 0.5 * h,
-            max_kink: 0.6,
+            max_kink: 1.2,
+            criterion: Criterion::EnergyRelease,
         }
     }
 
@@ -60,8 +64,8 @@ pub struct Drive {
     pub kink: f64,
 }
 
-/// MSERRC at one station: magnitude from the domain integral, dependence on the angle from the stress intensity factors.
-pub fn drive(station: &Station, max_kink: f64) -> Drive {
+/// The criterion at one station: magnitude from the domain integral, dependence on the angle from the stress intensity factors.
+pub fn drive(station: &Station, lengths: &GrowthLengths) -> Drive {
     let straight = station.k.straight_release(station.material.poisson_ratio);
     if station.g <= 0.0 || straight <= 0.0 {
         return Drive {
@@ -74,10 +78,12 @@ pub fn drive(station: &Station, max_kink: f64) -> Drive {
             .material
             .toughness(&(station.normal * a.cos() - station.advance * a.sin()))
     };
-    let (kink, best) =
-        station
-            .k
-            .preferred_kink(station.material.poisson_ratio, max_kink, toughness);
+    let (kink, best) = station.k.preferred_kink(
+        lengths.criterion,
+        station.material.poisson_ratio,
+        lengths.max_kink,
+        toughness,
+    );
     Drive {
         ratio: station.g * best / straight,
         kink,
@@ -90,10 +96,7 @@ pub fn advances(
     closed: bool,
     lengths: &GrowthLengths,
 ) -> (Vec<Drive>, Vec<Vec3>) {
-    let raw: Vec<Drive> = stations
-        .iter()
-        .map(|s| drive(s, lengths.max_kink))
-        .collect();
+    let raw: Vec<Drive> = stations.iter().map(|s| drive(s, lengths)).collect();
     let smooth = smoothed(stations, &raw, closed, 1.5 * lengths.h);
     let strongest = smooth.iter().map(|d| d.ratio).fold(0.0, f64::max);
     let moves = stations
@@ -204,6 +207,38 @@ impl Surroundings<'_> {
         let along = front.iter().zip(directions);
         let lengths: Vec<f64> = along.map(|(p, d)| self.lead(crack, sheet, p, d)).collect();
         Lead::new(front, directions, &lengths, self.lengths.h)
+    }
+}
+
+impl Surroundings<'_> {
+    /// What the sheets cut, and what is cut ahead of their fronts; the sheets remember their leads.
+    pub fn first_cuts(&self, crack: &mut CrackSurface, chip_nodes: usize) -> CutEdges {
+        let (mesh, locator) = (self.mesh, self.locator);
+        let fronts = crack.fronts(mesh, locator, self.lengths.stick());
+        let lead = |front: &Front| {
+            let (points, advances) =
+                front_frames(&crack.sheets[front.sheet], front, self.lengths.h);
+            (
+                front.sheet,
+                self.lead_ahead(crack, front.sheet, &points, &advances),
+            )
+        };
+        let leads: Vec<_> = fronts.iter().map(lead).collect();
+        let mut cuts = CutEdges::new(mesh);
+        for sheet in &crack.sheets {
+            cuts.seat_nodes(mesh, locator, &sheet.mesh);
+        }
+        for (_, lead) in &leads {
+            lead.seat(&mut cuts, mesh, locator);
+        }
+        for sheet in &crack.sheets {
+            cuts.cut(mesh, locator, &sheet.mesh, chip_nodes);
+        }
+        for (sheet, lead) in leads {
+            lead.cut(&mut cuts, mesh, locator, chip_nodes);
+            crack.sheets[sheet].lead.append(&lead.mesh);
+        }
+        cuts
     }
 }
 

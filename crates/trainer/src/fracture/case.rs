@@ -1,7 +1,7 @@
 //! The case: one TOML file that says everything about a fracture problem.
 use crate::scenario::{Units, explain, parse_toml, plain};
 use anyhow::{Result, anyhow, bail, ensure};
-use osteotome_mechanics::crack::load_control::Criterion;
+use osteotome_mechanics::crack::criterion::Criterion;
 use serde::Deserialize;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -158,8 +158,8 @@ impl CriterionName {
     /// The criterion itself.
     pub fn criterion(self) -> Criterion {
         match self {
-            Self::Mserrc => Criterion::Mserrc,
-            Self::Mts => Criterion::Mts,
+            Self::Mserrc => Criterion::EnergyRelease,
+            Self::Mts => Criterion::HoopStress,
         }
     }
 }

@@ -39,14 +39,13 @@ impl Problem {
         let loads = loads(case, &file)?;
         let locator = TetLocator::new(mesh);
         let (crack, h) = crack(case, mesh, &locator)?;
+        let usual = GrowthLengths::for_element_size(h);
+        let growth = case.growth.as_ref();
         let lengths = GrowthLengths {
             max_kink: MAX_KINK,
-            ..GrowthLengths::for_element_size(h)
-        };
-        let increment = case.growth.as_ref().and_then(|g| g.increment);
-        let lengths = GrowthLengths {
-            increment: increment.unwrap_or(lengths.increment),
-            ..lengths
+            increment: growth.and_then(|g| g.increment).unwrap_or(usual.increment),
+            criterion: growth.map_or(usual.criterion, |g| g.criterion.criterion()),
+            ..usual
         };
         let solid = Arc::new(Solid {
             locator,

@@ -1,7 +1,7 @@
 use super::case::{Case, LoadControl};
 use super::setup::Problem;
 use anyhow::{Result, ensure};
-use osteotome_mechanics::crack::load_control::{Criterion, FrontDrives};
+use osteotome_mechanics::crack::load_control::FrontDrives;
 use osteotome_mechanics::crack::stress_intensity::CellForce;
 use osteotome_mechanics::crack::{CrackedBody, EvaluatedFront, Front, SurfaceLoad};
 use osteotome_mechanics::geometry::Vec3;
@@ -11,7 +11,6 @@ pub struct Study {
     body: CrackedBody,
     loads: Vec<SurfaceLoad>,
     steps: usize,
-    criterion: Criterion,
     control: LoadControl,
 }
 
@@ -52,7 +51,6 @@ impl Study {
             body: problem.body,
             loads: problem.loads,
             steps: case.steps(),
-            criterion: growth.map_or(Criterion::Mserrc, |g| g.criterion.criterion()),
             control: growth.map_or(LoadControl::Fixed, |g| g.load),
         };
         let (x, _) = study.solve();
@@ -105,7 +103,7 @@ impl Study {
         let mut acting = loads;
         acting.extend(self.body.support_forces(&x));
         let fronts = self.body.evaluate_fronts(&x, &acting, 0.0);
-        let drives = FrontDrives::new(&fronts, self.criterion, lengths);
+        let drives = FrontDrives::new(&fronts, lengths);
         let mut state = State {
             x,
             load_factor: 1.0,
