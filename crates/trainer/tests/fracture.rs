@@ -380,6 +380,8 @@ fn a_fixed_load_grows_only_above_the_toughness() {
     assert!(stopped.contains("the crack rests"), "{stopped}");
     let weak = COLUMN.replace("toughness = 0.5", "toughness = 0.01") + growth;
     std::fs::write(folder.join("case.toml"), weak).expect("writable");
+    let deep = obj([-1.0, -1.0, 3.1], [3.8, 0.0, 0.0], [0.0, 4.0, 0.0]);
+    std::fs::write(folder.join("crack.obj"), deep).expect("writable");
     let result = solve(&folder, "case.toml");
     let last = result["steps"]
         .as_array()

@@ -12,7 +12,12 @@ pub struct Study {
     loads: Vec<SurfaceLoad>,
     steps: usize,
     control: LoadControl,
+    /// Strain energy of the first step under the load as given \[N mm\].
+    first_energy: f64,
 }
+
+/// Below this share of the first step's strain energy the loads meet no resistance any more.
+const NOTHING: f64 = 1e-9;
 
 /// What is found at one step. Unknowns, stations and drives are those of the loads as given: `load_factor` is not in them.
 #[derive(Debug, Default)]
@@ -47,13 +52,15 @@ impl Study {
     /// If a part of the body hangs by a hinge.
     pub fn new(problem: Problem, case: &Case) -> Result<Self> {
         let growth = case.growth.as_ref();
-        let study = Self {
+        let mut study = Self {
+            first_energy: 0.0,
             body: problem.body,
             loads: problem.loads,
             steps: case.steps(),
             control: growth.map_or(LoadControl::Fixed, |g| g.load),
         };
         let (x, _) = study.solve();
+        study.first_energy = study.body.system.energy(&x);
         let bounds = study.body.solid.mesh.bounds();
         let size = (bounds.max - bounds.min).norm();
         let largest = x.iter().map(|v| v.abs()).fold(0.0, f64::max);
@@ -104,13 +111,14 @@ impl Study {
         acting.extend(self.body.support_forces(&x));
         let fronts = self.body.evaluate_fronts(&x, &acting, 0.0);
         let drives = FrontDrives::new(&fronts, lengths);
+        let resists = self.body.system.energy(&x) > NOTHING * self.first_energy;
         let mut state = State {
             x,
             load_factor: 1.0,
             ..State::default()
         };
         let scaled = self.control == LoadControl::Scaled && self.steps > 0;
-        let is_driven = drives.strongest > 0.0;
+        let is_driven = drives.strongest > 0.0 && resists;
         if scaled && is_driven {
             state.load_factor = 1.0 / drives.strongest.sqrt();
         }
@@ -123,7 +131,7 @@ impl Study {
             Verdict::Stops(Some("no front is left inside the body".to_owned()))
         } else if !is_driven {
             Verdict::Stops(Some(
-                "nothing drives the crack: G is zero along its fronts".to_owned(),
+                "nothing drives the crack: G is nowhere positive along its fronts".to_owned(),
             ))
         } else if rests {
             Verdict::Stops(Some(format!(
