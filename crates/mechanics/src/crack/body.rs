@@ -1,4 +1,5 @@
 use super::cut_edges::CutEdges;
+use super::cut_polygon::cut_area;
 use super::enrichment::Topology;
 use super::fragments::Fragments;
 use super::growth::{GrowthLengths, Surroundings, grow};
@@ -178,6 +179,63 @@ impl CrackedBody {
             self.system
                 .add_force(&self.solid.mesh, cell, &l.weights, &l.force, rhs);
         }
+    }
+
+    /// The same loads on this body, where `old` is an earlier state of it: same place, same side.
+    pub fn carry_loads(&self, old: &Self, loads: &[CellForce]) -> Vec<CellForce> {
+        let carry = |l: &CellForce| {
+            let was = &old.topology.cells()[l.cell as usize];
+            let common = |c: &usize| (self.topology.cells()[*c].mask & was.mask).count_ones();
+            let same = self.topology.cells_of(was.tet).rev().max_by_key(common);
+            CellForce {
+                cell: same.map_or(0, |c| c as u32),
+                ..*l
+            }
+        };
+        loads.iter().map(carry).collect()
+    }
+
+    /// The work f . u of loads with the displacements that they cause: twice the elastic energy \[N mm\].
+    pub fn work(&self, loads: &[CellForce]) -> f64 {
+        let mut x = vec![0.0; self.system.n()];
+        self.add_loads(loads, &mut x);
+        let f = x.clone();
+        self.system.solve(&mut x, &mut self.system.scratch());
+        f.iter().zip(&x).map(|(f, x)| f * x).sum()
+    }
+
+    /// What growing from `before` to this body costs: area \[mm2\] and energy \[N mm\] of the new faces.
+    ///
+    /// The energy is the area in each tetrahedron that touches an edge of `newly_cut` times its toughness across the cut.
+    pub fn cost(&self, before: &Self, newly_cut: &[u32]) -> (f64, f64) {
+        let mesh = &self.solid.mesh;
+        let mut tets: Vec<u32> = newly_cut
+            .iter()
+            .flat_map(|&e| mesh.tets_of_edge(e))
+            .collect();
+        tets.sort_unstable();
+        tets.dedup();
+        let [now, then] = [self, before].map(|b| {
+            let faces = tets.iter().map(|&t| b.faces_in(t));
+            faces.fold((0.0, 0.0), |sum, f| (sum.0 + f.0, sum.1 + f.1))
+        });
+        (now.0 - then.0, now.1 - then.1)
+    }
+
+    /// Area of the crack in one tetrahedron, and that area times the toughness across it.
+    fn faces_in(&self, t: u32) -> (f64, f64) {
+        let cells = &self.topology.cells()[self.topology.cells_of(t)];
+        if cells.len() < 2 {
+            return (0.0, 0.0);
+        }
+        let material = &self.solid.materials[t as usize];
+        cells.iter().fold((0.0, 0.0), |(area, energy), cell| {
+            let vector = cut_area(&self.solid.mesh, &self.cuts, cell).1;
+            let (length, normal) = (vector.norm(), vector.try_normalize(1e-12));
+            let toughness = normal.map_or(0.0, |n| material.toughness(&n));
+            // Each face is seen from both sides.
+            (area + 0.5 * length, energy + 0.5 * length * toughness)
+        })
     }
 
     /// G and K at every vertex of every front under `loads`, whose solution is `x`.

@@ -20,6 +20,17 @@ pub fn cut_polygon(mesh: &TetMesh, cuts: &CutEdges, cell: &Cell) -> Vec<Vec3> {
     corners
 }
 
+/// Centre and area vector \[mm2\] of the polygon by which a cell borders on the crack; the sense of the vector says nothing.
+pub fn cut_area(mesh: &TetMesh, cuts: &CutEdges, cell: &Cell) -> (Vec3, Vec3) {
+    let corners = cut_polygon(mesh, cuts, cell);
+    let n = corners.len();
+    let centre = corners.iter().sum::<Vec3>() / n as f64;
+    let sum: Vec3 = (0..n)
+        .map(|k| (corners[k] - centre).cross(&(corners[(k + 1) % n] - centre)))
+        .sum();
+    (centre, sum * 0.5)
+}
+
 /// A triangle of the crack as mechanics knows it, and how far it is free to open.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FacePiece {

@@ -2,9 +2,10 @@
 use super::criterion::Criterion;
 use super::cut_edges::CutEdges;
 use super::lead::Lead;
-use super::stress_intensity::{Station, front_frames};
+use super::stress_intensity::{Station, front_frames, front_normals};
 use super::surface::{CrackSurface, Front, Sheet};
 use crate::geometry::{TetLocator, TetMesh, TriMesh, Vec3};
+use rustc_hash::FxHashMap;
 
 /// Lengths of one growth step \[mm\] and its largest kink.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,27 +91,30 @@ pub fn drive(station: &Station, lengths: &GrowthLengths) -> Drive {
     }
 }
 
-/// How each vertex of a front moves \[mm\]; zero where the crack rests. Smoothed along the front.
+/// The criterion at each station of a front, smoothed along it.
+pub fn drives(stations: &[Station], closed: bool, lengths: &GrowthLengths) -> Vec<Drive> {
+    let raw: Vec<Drive> = stations.iter().map(|s| drive(s, lengths)).collect();
+    smoothed(stations, &raw, closed, 1.5 * lengths.h)
+}
+
+/// How each vertex of a front moves \[mm\]; zero where the crack rests.
+///
+/// `strongest`: the largest ratio on all fronts. There the crack advances by a whole increment, elsewhere in proportion, so
+/// that under one load the fronts of neighbouring cuts do not all run at once.
 pub fn advances(
     stations: &[Station],
-    closed: bool,
+    drives: &[Drive],
+    strongest: f64,
     lengths: &GrowthLengths,
-) -> (Vec<Drive>, Vec<Vec3>) {
-    let raw: Vec<Drive> = stations.iter().map(|s| drive(s, lengths)).collect();
-    let smooth = smoothed(stations, &raw, closed, 1.5 * lengths.h);
-    let strongest = smooth.iter().map(|d| d.ratio).fold(0.0, f64::max);
-    let moves = stations
-        .iter()
-        .zip(&smooth)
-        .map(|(s, d)| {
-            if d.ratio < 1.0 {
-                return Vec3::zeros();
-            }
-            let step = lengths.increment * d.ratio / strongest;
-            (s.advance * d.kink.cos() + s.normal * d.kink.sin()) * step
-        })
-        .collect();
-    (smooth, moves)
+) -> Vec<Vec3> {
+    let advance = |(s, d): (&Station, &Drive)| {
+        if d.ratio < 1.0 {
+            return Vec3::zeros();
+        }
+        let step = lengths.increment * d.ratio / strongest;
+        (s.advance * d.kink.cos() + s.normal * d.kink.sin()) * step
+    };
+    stations.iter().zip(drives).map(advance).collect()
 }
 
 /// Averages over a hat along the front; stations that lie mostly outside the body only receive.
@@ -271,34 +275,155 @@ impl Strip {
 }
 
 /// Advances a front by `moves`, one a vertex; the sheet gains a strip for each run of moving vertices.
+///
+/// A strip with a folded or flat triangle is not taken: moves around it are evened out and shortened, in the end withheld, until
+/// the strip is sound.
 pub fn grow(
     crack: &mut CrackSurface,
     front: &Front,
     moves: &[Vec3],
     around: &Surroundings,
 ) -> Strip {
-    let first_triangle = crack.sheets[front.sheet].mesh.triangles.len();
-    let mut grown = TriMesh::default();
-    let mut lead = Lead::default();
+    const GENTLE: usize = 3;
+    const ATTEMPTS: usize = 7;
+    let sheet = &crack.sheets[front.sheet];
+    let first_triangle = sheet.mesh.triangles.len();
+    let normals = front_normals(sheet, front, around.lengths.h);
+    let mut moves = moves.to_vec();
+    for attempt in 0..ATTEMPTS {
+        let trial = advanced(crack, front, &moves, around);
+        let unsound = trial.unsound(front, &normals, around.lengths.h);
+        if unsound.is_empty() {
+            crack.sheets[front.sheet] = trial.sheet;
+            return Strip {
+                grown: trial.grown,
+                lead: trial.lead,
+                first_triangle,
+            };
+        }
+        moves = eased(&moves, &unsound, front.closed, attempt >= GENTLE);
+    }
+    Strip {
+        first_triangle,
+        ..Default::default()
+    }
+}
+
+/// A strip on trial.
+struct Trial {
+    sheet: Sheet,
+    grown: TriMesh,
+    lead: Lead,
+    first_triangle: usize,
+}
+
+fn advanced(crack: &CrackSurface, front: &Front, moves: &[Vec3], around: &Surroundings) -> Trial {
+    let sheet = crack.sheets[front.sheet].clone();
+    let first_triangle = sheet.mesh.triangles.len();
+    let mut trial = Trial {
+        sheet,
+        grown: TriMesh::default(),
+        lead: Lead::default(),
+        first_triangle,
+    };
     for run in runs(front, moves, around.lengths.spacing * 0.05) {
         let target = new_front(crack, front, &run, moves, around);
         if target.points.len() < 2 {
             continue;
         }
-        let strip_start = crack.sheets[front.sheet].mesh.triangles.len();
-        let new = append(&mut crack.sheets[front.sheet], &target);
-        zip(&mut crack.sheets[front.sheet].mesh, &run.vertices, &new);
-        let mesh = &crack.sheets[front.sheet].mesh;
-        for t in strip_start..mesh.triangles.len() {
-            push_triangle(&mut grown, mesh.corners(t));
+        let new = append(&mut trial.sheet, &target);
+        zip(&mut trial.sheet.mesh, &run.vertices, &new);
+        trial.lead.append(&around.lead_ahead(
+            crack,
+            front.sheet,
+            &target.points,
+            &target.directions,
+        ));
+    }
+    let mesh = &trial.sheet.mesh;
+    for t in first_triangle..mesh.triangles.len() {
+        push_triangle(&mut trial.grown, mesh.corners(t));
+    }
+    trial
+}
+
+impl Trial {
+    /// Places in the old front near which a new triangle is flat, looks backwards, or folds onto its neighbour.
+    fn unsound(&self, front: &Front, normals: &[Vec3], h: f64) -> Vec<usize> {
+        /// Cosines of the sharpest angle with the front's normal, and between neighbours.
+        const FORWARD: f64 = 0.1;
+        const OPEN: f64 = 0.0;
+        /// Least height of a triangle over its longest edge.
+        const SLIMMEST: f64 = 0.02;
+        let mesh = &self.sheet.mesh;
+        let at = |v: u32| mesh.vertices[v as usize];
+        let place = |t: usize| {
+            let centre = mesh.corners(t).iter().sum::<Vec3>() / 3.0;
+            let distance = |k: &usize| (at(front.vertices[*k]) - centre).norm();
+            (0..front.vertices.len())
+                .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+                .unwrap_or(0)
+        };
+        let mut beside: FxHashMap<[u32; 2], usize> = FxHashMap::default();
+        let mut found = Vec::new();
+        for (t, [a, b, c]) in mesh.triangles.iter().enumerate() {
+            for edge in [[*a, *b], [*b, *c], [*c, *a]] {
+                if beside.insert(edge, t).is_some() {
+                    found.push(place(t));
+                }
+            }
         }
-        lead.append(&around.lead_ahead(crack, front.sheet, &target.points, &target.directions));
+        for t in self.first_triangle..mesh.triangles.len() {
+            let corners = mesh.corners(t);
+            let longest = (0..3)
+                .map(|k| (corners[k] - corners[(k + 1) % 3]).norm())
+                .fold(0.0, f64::max);
+            let area = mesh.area_normal(t);
+            let near = place(t);
+            let flat = area.norm() < SLIMMEST * longest * longest || area.norm() < 1e-4 * h * h;
+            let backwards = area.dot(&normals[near]) < FORWARD * area.norm();
+            let tri = mesh.triangles[t];
+            let folds = (0..3).any(|k| {
+                let other = beside.get(&[tri[(k + 1) % 3], tri[k]]);
+                other.is_some_and(|o| {
+                    let n = mesh.area_normal(*o);
+                    n.dot(&area) < OPEN * n.norm() * area.norm()
+                })
+            });
+            if flat || backwards || folds {
+                found.push(near);
+            }
+        }
+        found
     }
-    Strip {
-        grown,
-        lead,
-        first_triangle,
-    }
+}
+
+/// Moves evened out and shortened around some places, or withheld there.
+fn eased(moves: &[Vec3], places: &[usize], closed: bool, withheld: bool) -> Vec<Vec3> {
+    const REACH: usize = 2;
+    let n = moves.len();
+    let near = |k: usize| {
+        places.iter().any(|&p| {
+            let d = p.abs_diff(k);
+            d <= REACH || (closed && n - d <= REACH)
+        })
+    };
+    let at = |k: usize, step: isize| {
+        let j = k as isize + step;
+        let j = if closed {
+            j.rem_euclid(n as isize)
+        } else {
+            j.clamp(0, n as isize - 1)
+        };
+        moves[j as usize]
+    };
+    (0..n)
+        .map(|k| match (near(k), withheld) {
+            (false, _) => moves[k],
+            (true, true) => Vec3::zeros(),
+            (true, false) => (at(k, -1) + moves[k] * 2.0 + at(k, 1)) * (0.25 * 0.6),
+        })
+        .collect()
 }
 
 fn push_triangle(mesh: &mut TriMesh, corners: [Vec3; 3]) {
@@ -400,7 +525,8 @@ fn new_front(
             line.reverse();
         }
     }
-    let line = resample(&line, around.lengths.spacing);
+    let fewest = if pinned == [true; 2] { 2 } else { 1 };
+    let line = resample(&line, around.lengths.spacing, fewest);
     let end = |side: usize| {
         let v = if side == 0 {
             run.vertices.first()
@@ -487,13 +613,13 @@ fn finish_end(
     line.push((end + onward * length, direction));
 }
 
-fn resample(line: &[(Vec3, Vec3)], spacing: f64) -> Vec<(Vec3, Vec3)> {
+fn resample(line: &[(Vec3, Vec3)], spacing: f64, fewest: usize) -> Vec<(Vec3, Vec3)> {
     let mut arc = vec![0.0];
     for k in 1..line.len() {
         arc.push(arc[k - 1] + (line[k].0 - line[k - 1].0).norm());
     }
     let total = arc[arc.len() - 1];
-    let n = (total / spacing).round().max(1.0) as usize;
+    let n = ((total / spacing).round() as usize).max(fewest);
     (0..=n)
         .map(|i| {
             let s = total * i as f64 / n as f64;

@@ -18,7 +18,7 @@ mod system;
 
 pub use body::{BodyError, CrackedBody, EvaluatedFront, Growth, Solid};
 pub use cut_edges::CutEdges;
-pub use cut_polygon::{FacePiece, cut_polygon, face_pieces};
+pub use cut_polygon::{FacePiece, cut_area, cut_polygon, face_pieces};
 pub use enrichment::{Cell, STANDARD, Topology};
 pub use fragments::{Fragments, SMALLEST_FRAGMENT, UnionFind, bridging_edges};
 pub use lead::Lead;

@@ -106,6 +106,13 @@ impl TetMesh {
         })
     }
 
+    /// Tetrahedra that hold edge `e`.
+    pub fn tets_of_edge(&self, e: u32) -> impl Iterator<Item = u32> + '_ {
+        let [a, b] = self.edges[e as usize];
+        let around = self.tets_of_node(a as usize).iter().copied();
+        around.filter(move |&t| self.tets[t as usize].contains(&b))
+    }
+
     /// Node positions \[mm\].
     pub fn nodes(&self) -> &[Vec3] {
         &self.nodes

@@ -136,20 +136,6 @@ impl Bone {
         }
     }
 
-    /// The same loads on this bone, where `old` is an earlier generation: same place, same side.
-    pub fn carry_loads(&self, old: &Self, loads: &[CellForce]) -> Vec<CellForce> {
-        let carry = |l: &CellForce| {
-            let was = &old.topology.cells()[l.cell as usize];
-            let common = |c: &usize| (self.topology.cells()[*c].mask & was.mask).count_ones();
-            let same = self.topology.cells_of(was.tet).rev().max_by_key(common);
-            CellForce {
-                cell: same.map_or(0, |c| c as u32),
-                ..*l
-            }
-        };
-        loads.iter().map(carry).collect()
-    }
-
     /// Scales the way from the displacements of `before` (on `old`) to those of `state` so that no node moves farther than a
     /// fraction of a millimetre.
     pub(super) fn limit_change(&self, old: &Self, before: &BoneState, state: &mut BoneState) {

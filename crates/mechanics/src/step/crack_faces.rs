@@ -5,8 +5,8 @@
 //! kept factor, the penalty is solved implicitly (projected Gauss-Seidel) and never limits the relaxation.
 use crate::bone::SolveScratch;
 use crate::crack::stress_intensity::CellForce;
-use crate::crack::{Cell, CrackSurface, CutEdges, System, Topology};
-use crate::geometry::{TET_EDGES, TetMesh, Vec3};
+use crate::crack::{Cell, CrackSurface, CutEdges, System, Topology, cut_area};
+use crate::geometry::{TetMesh, Vec3};
 
 /// One pair of opposite points.
 #[derive(Clone, Copy, Debug)]
@@ -102,29 +102,8 @@ fn divided_area(mesh: &TetMesh, cuts: &CutEdges, cells: &[Cell]) -> f64 {
     }
     0.5 * cells
         .iter()
-        .map(|c| polygon(mesh, cuts, c).1.norm())
+        .map(|c| cut_area(mesh, cuts, c).1.norm())
         .sum::<f64>()
-}
-
-/// Centre and area vector of the polygon through the crossing points on the edges that leave a cell.
-fn polygon(mesh: &TetMesh, cuts: &CutEdges, cell: &Cell) -> (Vec3, Vec3) {
-    let inside = |k: usize| cell.mask >> k & 1 == 1;
-    let mut corners = Vec::with_capacity(4);
-    for (l, [a, b]) in TET_EDGES.iter().enumerate() {
-        if inside(*a) != inside(*b) {
-            corners.push(cuts.crossing_point(mesh, mesh.tet_edges()[cell.tet as usize][l]));
-        }
-    }
-    if corners.len() == 4 {
-        // Edges come as (a c) (a d) (b c) (b d); round the polygon it is ac, ad, bd, bc.
-        corners.swap(2, 3);
-    }
-    let n = corners.len();
-    let centre = corners.iter().sum::<Vec3>() / n as f64;
-    let sum: Vec3 = (0..n)
-        .map(|k| (corners[k] - centre).cross(&(corners[(k + 1) % n] - centre)))
-        .sum();
-    (centre, sum * 0.5)
 }
 
 fn pair(
@@ -137,7 +116,7 @@ fn pair(
     let cells = topology.cells_of(t);
     let mask = topology.cells()[cells.start].mask;
     let inside = |k: usize| mask >> k & 1 == 1;
-    let (centre, area_normal) = polygon(mesh, cuts, &topology.cells()[cells.start]);
+    let (centre, area_normal) = cut_area(mesh, cuts, &topology.cells()[cells.start]);
     let mut normal = area_normal.try_normalize(1e-12)?;
     let x = mesh.corners(t as usize);
     let own: Vec3 = (0..4)

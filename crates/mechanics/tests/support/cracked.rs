@@ -2,7 +2,9 @@
 use super::noise;
 use nalgebra::Matrix3;
 use osteotome_mechanics::bone::{Supports, TetMaterial, stiffness};
-use osteotome_mechanics::crack::growth::{Drive, GrowthLengths, Surroundings, advances, grow};
+use osteotome_mechanics::crack::growth::{
+    Drive, GrowthLengths, Surroundings, advances, drives, grow,
+};
 use osteotome_mechanics::crack::stress_intensity::{CellForce, Fields, Station, evaluate};
 use osteotome_mechanics::crack::{
     CrackSurface, CutEdges, FacePiece, Front, Sheet, System, Topology, face_pieces,
@@ -335,7 +337,7 @@ impl<'a> Cracked<'a> {
                 .add_force(&self.specimen.mesh, cell, &l.weights, &l.force, &mut x);
         }
         let f = x.clone();
-        self.system.solve(&mut x, &mut self.system.scratch(1));
+        self.system.solve(&mut x, &mut self.system.scratch());
         let work = f.iter().zip(&x).map(|(a, b)| a * b).sum();
         Solved { loads, x, work }
     }
@@ -372,6 +374,22 @@ impl<'a> Cracked<'a> {
         .remove(0)
     }
 
+    /// The body after further cuts.
+    pub fn then(&self, crack: CrackSurface, cuts: CutEdges, newly_cut: &[u32]) -> Cracked<'a> {
+        let s = self.specimen;
+        let topology = self.topology.grown(&s.mesh, &cuts, newly_cut);
+        let system = (self.system)
+            .grown(&s.mesh, &s.materials, &topology, &s.supports)
+            .unwrap();
+        Cracked {
+            specimen: s,
+            crack,
+            cuts,
+            topology,
+            system,
+        }
+    }
+
     /// The crack grown by one increment, and the drives and stations of each front; `None` if it rests.
     pub fn grown(
         &self,
@@ -383,7 +401,7 @@ impl<'a> Cracked<'a> {
             ..self.specimen.surroundings()
         };
         let (mut crack, mut cuts) = (self.crack.clone(), self.cuts.clone());
-        let mut grown = Vec::new();
+        let (mut grown, mut newly_cut) = (Vec::new(), Vec::new());
         let fronts = self.fronts();
         let all = evaluate(
             &self.fields(solved),
@@ -393,10 +411,13 @@ impl<'a> Cracked<'a> {
             0.0,
         );
         for (front, stations) in fronts.iter().zip(all) {
-            let (drives, moves) = advances(&stations, front.closed, &lengths);
+            let drives = drives(&stations, front.closed, &lengths);
+            let strongest = drives.iter().map(|d| d.ratio).fold(0.0, f64::max);
+            let moves = advances(&stations, &drives, strongest, &lengths);
             if moves.iter().any(|m| *m != Vec3::zeros()) {
                 let strip = grow(&mut crack, front, &moves, &around);
-                strip.cut(&mut cuts, &self.specimen.mesh, &self.specimen.locator, 1);
+                let (mesh, locator) = (&self.specimen.mesh, &self.specimen.locator);
+                newly_cut.extend(strip.cut(&mut cuts, mesh, locator, 1));
                 grown.push(GrownFront {
                     stations,
                     drives,
@@ -404,7 +425,7 @@ impl<'a> Cracked<'a> {
                 });
             }
         }
-        (!grown.is_empty()).then(|| (Cracked::new(self.specimen, crack, cuts), grown))
+        (!grown.is_empty()).then(|| (self.then(crack, cuts, &newly_cut), grown))
     }
 
     /// Cauchy stress in each cell.

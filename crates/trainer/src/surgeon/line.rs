@@ -24,6 +24,7 @@ pub struct SplitLine {
     marks: Vec<Mark>,
     arc: Vec<f64>,
     ridge: [f64; 2],
+    /// Square to the ridge as a whole, in its slit: the way both chisels are driven, so that their shafts are parallel.
     drive: Vec3,
 }
 
@@ -129,8 +130,8 @@ impl SplitLine {
     ///
     /// A slit is neither straight nor flat, a blade is both. Its plane is the slit's mean one: through the chord over the
     /// blade's width and the mean direction of the saw, in the middle of the slit. Within this plane the edge would best
-    /// lie along the chord, but on a hollow ridge two such blades' shafts would meet: so each leans towards the common
-    /// [`drive`](Self::drive), by no more than [`MOST_LEAN`].
+    /// lie along the chord, but on a hollow ridge two such blades' shafts would meet: so each leans towards the
+    /// common `drive`, by no more than [`MOST_LEAN`].
     pub fn frame(&self, s: f64, width: f64) -> Pose {
         let here = self.mark(s);
         let marks = self.below_blade(s, width);
@@ -149,11 +150,6 @@ impl SplitLine {
         let rotation = nalgebra::Rotation3::from_matrix_unchecked(axes);
         let rotation = nalgebra::UnitQuaternion::from_rotation_matrix(&rotation);
         Pose::from_parts(origin.into(), rotation)
-    }
-
-    /// Square to the ridge as a whole, in its slit: the way both chisels are driven, so that their shafts are parallel.
-    pub fn drive(&self) -> Vec3 {
-        self.drive
     }
 
     /// The marks below a blade of this width, evenly from end to end: it spans a handful of the line's own.
