@@ -6,8 +6,9 @@ use super::growth::{GrowthLengths, Surroundings, grow};
 use super::stress_intensity::{CellForce, Fields, Station, evaluate};
 use super::surface::{CrackSurface, Front};
 use super::system::System;
-use crate::bone::{FactorError, MaterialError, Supports, TetMaterial};
+use crate::bone::{FactorError, MaterialError, Supports, TetMaterial, free_motion};
 use crate::geometry::{TetLocator, TetMesh, Vec3};
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Why a cracked body could not be made.
@@ -64,6 +65,34 @@ impl Solid {
         (self.mesh.nodes().len() / 300).max(2)
     }
 
+    /// Pieces that neither support nor spring holds.
+    fn loose_pieces(&self, fragments: &Fragments) -> Vec<u32> {
+        if self.supports.ground_spring > 0.0 {
+            return Vec::new();
+        }
+        let mut nodes_of = vec![Vec::new(); fragments.volume_share.len()];
+        for (i, &f) in (0u32..).zip(&fragments.of_node) {
+            nodes_of[f as usize].push(i);
+        }
+        let is_loose = |nodes: &Vec<u32>| free_motion(&self.mesh, &self.supports, nodes).is_some();
+        let pieces = (0u32..).zip(&nodes_of);
+        pieces.filter(|(_, n)| is_loose(n)).map(|p| p.0).collect()
+    }
+
+    /// The supports, with a soft spring at each node of the loose pieces.
+    fn supports_with(&self, fragments: &Fragments, loose: &[u32]) -> Cow<'_, Supports> {
+        if loose.is_empty() {
+            return Cow::Borrowed(&self.supports);
+        }
+        let stiffest = self.materials.iter().map(|m| m.young_modulus);
+        let spring = LOOSE_SPRING * stiffest.fold(0.0, f64::max) * self.lengths.h;
+        let mut supports = self.supports.clone();
+        let nodes = (0u32..).zip(&fragments.of_node);
+        let hanging = nodes.filter(|(_, f)| loose.contains(f));
+        supports.springs.extend(hanging.map(|(i, _)| (i, spring)));
+        Cow::Owned(supports)
+    }
+
     fn check(&self) -> Result<(), BodyError> {
         let needed = self.mesh.tets().len();
         if self.materials.len() != needed {
@@ -95,7 +124,12 @@ pub struct CrackedBody {
     pub system: Arc<System>,
     /// The pieces.
     pub fragments: Fragments,
+    /// Numbers of the pieces that no support holds; springs of [`LOOSE_SPRING`] keep their equations regular.
+    pub loose: Vec<u32>,
 }
+
+/// Spring to the ground at the nodes of a piece that nothing holds, relative to E h.
+pub const LOOSE_SPRING: f64 = 1e-7;
 
 /// A front with the stations at its vertices.
 #[derive(Clone, Debug, PartialEq)]
@@ -117,9 +151,13 @@ impl CrackedBody {
             .surroundings()
             .first_cuts(&mut crack, solid.chip_nodes());
         let topology = Topology::new(&solid.mesh, &cuts);
-        let system = System::new(&solid.mesh, &solid.materials, &topology, &solid.supports)?;
+        let fragments = Fragments::find(&solid.mesh, &cuts);
+        let loose = solid.loose_pieces(&fragments);
+        let supports = solid.supports_with(&fragments, &loose);
+        let system = System::new(&solid.mesh, &solid.materials, &topology, &supports)?;
         Ok(Self {
-            fragments: Fragments::find(&solid.mesh, &cuts),
+            fragments,
+            loose,
             system: Arc::new(system),
             solid,
             crack,
@@ -257,10 +295,19 @@ impl CrackedBody {
             newly_cut,
         } = growth;
         let topology = self.topology.grown(&s.mesh, &cuts, &newly_cut);
-        let system = (self.system).grown(&s.mesh, &s.materials, &topology, &s.supports)?;
+        let fragments = Fragments::find(&s.mesh, &cuts);
+        let loose = s.loose_pieces(&fragments);
+        let supports = s.supports_with(&fragments, &loose);
+        let system = if supports == s.supports_with(&self.fragments, &self.loose) {
+            (self.system).grown(&s.mesh, &s.materials, &topology, &supports)?
+        } else {
+            // A piece has come off that now hangs in springs of its own.
+            System::new(&s.mesh, &s.materials, &topology, &supports)?
+        };
         Ok(Self {
             solid: self.solid.clone(),
-            fragments: Fragments::find(&s.mesh, &cuts),
+            fragments,
+            loose,
             system: Arc::new(system),
             crack,
             cuts,

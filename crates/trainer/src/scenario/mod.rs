@@ -6,7 +6,7 @@ mod overrides;
 mod read;
 
 pub use overrides::Override;
-pub use read::{Source, load};
+pub use read::{Source, explain, load, parse_toml, plain};
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
