@@ -1,9 +1,12 @@
-//! The elastic bone without its crack: material, element stiffness, supports, and the sparse factor.
+//! The elastic bone without its crack: material, element stiffness, supports, and the sparse factor
+//! with the border that a crack appends to it.
 mod block_matrix;
 mod bordered;
 mod dense;
 mod factor;
 mod material;
+mod ordering;
+mod rigid_motion;
 pub mod stiffness;
 mod supports;
 
@@ -11,4 +14,5 @@ pub use block_matrix::{BlockMatrix, add_product, decouple};
 pub use bordered::{BorderRow, Bordered, HalfSolved, Region, SolveScratch};
 pub use factor::{Factor, FactorError, Path};
 pub use material::{Lame, MaterialError, TetMaterial};
+pub use rigid_motion::{FreeMotion, free_motion};
 pub use supports::{Prescribed, Supports};

@@ -118,7 +118,12 @@ pub fn advances(
 }
 
 /// Averages over a hat along the front; stations that lie mostly outside the body only receive.
-fn smoothed(stations: &[Station], raw: &[Drive], closed: bool, half_width: f64) -> Vec<Drive> {
+pub(super) fn smoothed(
+    stations: &[Station],
+    raw: &[Drive],
+    closed: bool,
+    half_width: f64,
+) -> Vec<Drive> {
     let n = stations.len();
     let mut arc = vec![0.0];
     for k in 1..n {
