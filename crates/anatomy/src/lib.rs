@@ -14,9 +14,11 @@ pub mod osteotomy;
 pub mod parametric;
 pub mod patient;
 pub mod point_shell;
+pub mod sheets;
 pub mod stl;
 pub mod surface;
 pub mod teeth;
+pub mod vtu;
 
 pub use error::AnatomyError;
 pub use focus::Focus;

@@ -151,6 +151,8 @@ const NODES_OF_TYPE: [u8; 32] = [
     0, 2, 3, 4, 4, 8, 6, 5, 3, 6, 9, 10, 27, 18, 14, 1, 8, 20, 15, 13, 9, 10, 12, 15, 15, 21, 4, 5,
     6, 20, 35, 56,
 ];
+/// Hexahedra, prisms, pyramids and tetrahedra of higher order: without them the body would have holes.
+const BEYOND_LINEAR_TETRAHEDRA: [i64; 11] = [5, 6, 7, 11, 12, 13, 14, 17, 18, 19, 29];
 const TRIANGLE: i64 = 2;
 const TETRAHEDRON: i64 = 4;
 
@@ -373,6 +375,11 @@ impl Reader<'_> {
         match kind {
             TETRAHEDRON => raw.tets.push((nodes, group)),
             TRIANGLE => raw.triangles.push(([nodes[0], nodes[1], nodes[2]], group)),
+            _ if BEYOND_LINEAR_TETRAHEDRA.contains(&kind) => {
+                return Err(format!(
+                    "element type {kind} fills a volume but is no linear tetrahedron; save a tetrahedral mesh of order 1"
+                ));
+            }
             _ => {}
         }
         Ok(())
@@ -646,6 +653,10 @@ mod tests {
         assert!(refusal(text_4().replace("0 0 0\n3 1", "0 x 0\n3 1")).contains("\"x\" at byte"));
         assert!(
             refusal(text_2().replace("11 0 0 0", "11 0 nan 0")).contains("not a finite number")
+        );
+        assert!(
+            refusal(text_2().replace("4 4 2 0 2 12 13 14 15", "4 7 2 0 2 12 13 14 15 11"))
+                .contains("element type 7 fills a volume")
         );
     }
 }

@@ -59,6 +59,13 @@ pub(crate) fn read_limited(path: &Path, limit: u64) -> Result<Vec<u8>, AnatomyEr
         reason: e.to_string(),
     };
     let metadata = std::fs::metadata(path).map_err(error)?;
+    if !metadata.is_file() {
+        // A folder cannot be read, a device may never end.
+        return Err(AnatomyError::Read {
+            path: path.display().to_string(),
+            reason: "it is not a regular file".to_owned(),
+        });
+    }
     if metadata.len() > limit {
         return Err(AnatomyError::TooLarge {
             what: format!("{} (bytes)", path.display()),

@@ -1,5 +1,6 @@
 //! The command line: what the user asks for, and with what exit code it ends.
 use crate::commands;
+use crate::fracture;
 use crate::scenario::Override;
 use crate::talk;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -33,6 +34,8 @@ enum Command {
     Check(CheckArgs),
     /// Plays a recorded session
     Replay(ReplayArgs),
+    /// Solves a fracture problem and grows its crack, for research and validation
+    Fracture(FractureArgs),
     /// Lists haptic devices, and what is missing for those that are not found
     Devices,
 }
@@ -99,6 +102,19 @@ pub struct ReplayArgs {
     pub out: Option<PathBuf>,
 }
 
+/// Arguments of `fracture`.
+#[derive(Args)]
+pub struct FractureArgs {
+    /// The case (TOML)
+    pub case: PathBuf,
+    /// Folder of results; an earlier result there is replaced
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Prints result.json's object and nothing else
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// How a session is driven.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Mode {
@@ -129,6 +145,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => commands::run(&args),
         Command::Check(args) => commands::check(&args),
         Command::Replay(args) => commands::replay(&args),
+        Command::Fracture(args) => fracture::fracture(&args),
         Command::Devices => commands::devices(),
     };
     match result {

@@ -5,7 +5,7 @@ use crate::input::Input;
 use crate::loops::{lockstep, realtime};
 use crate::scenario::{self, Override, Scenario, Source};
 use crate::session::{
-    CrackMesh, Metrics, Recorder, Recording, ScenarioMessage, SessionFolder, write_crack,
+    CrackMesh, Metrics, Recorder, Recording, SESSION, ScenarioMessage, SessionFolder, write_crack,
     write_final_bone,
 };
 use crate::talk::{self, Progress};
@@ -20,7 +20,7 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failure> {
         text: scenario::BSSO_RIGHT.to_owned(),
     };
     let scenario = load(&source, &args.set)?;
-    SessionFolder::check(&args.out).map_err(Failure::Input)?;
+    SessionFolder::check(&args.out, &SESSION).map_err(Failure::Input)?;
     let prepared = prepare(&scenario)?;
     let input = built_in(&scenario, &prepared)?;
     let metrics = session(&scenario, &prepared, input, Mode::Realtime, &args.out)?;
@@ -47,7 +47,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         overrides.push(text.parse().map_err(Failure::Input)?);
     }
     let scenario = load(&Source::File(args.scenario.clone()), &overrides)?;
-    SessionFolder::check(&args.out).map_err(Failure::Input)?;
+    SessionFolder::check(&args.out, &SESSION).map_err(Failure::Input)?;
     let recording = if args.input == Path::new("builtin") {
         None
     } else {
@@ -115,7 +115,7 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     }
     let input = || Input::recorded(&scenario, &recording.hands).map_err(Failure::Input);
     if let Some(out) = &args.out {
-        SessionFolder::check(out).map_err(Failure::Input)?;
+        SessionFolder::check(out, &SESSION).map_err(Failure::Input)?;
         let metrics = session(&scenario, &prepared, input()?, Mode::Lockstep, out)?;
         talk::say(&talk::summary(&metrics.outcome()));
         talk::say(&format!("Session: {}", out.display()));
@@ -184,7 +184,7 @@ fn session(
     let start = input.read().map(|r| r.pose);
     input.rewind();
     let engine = engine::connect(prepared, scenario, start).map_err(Failure::Input)?;
-    let folder = SessionFolder::create(out).map_err(Failure::Input)?;
+    let folder = SessionFolder::create(out, &SESSION).map_err(Failure::Input)?;
     let first = ScenarioMessage {
         scenario: scenario.clone(),
         patient_digest: prepared.digest.clone(),

@@ -2,6 +2,7 @@
 mod cli;
 mod commands;
 mod engine;
+mod fracture;
 mod input;
 mod loops;
 mod scenario;

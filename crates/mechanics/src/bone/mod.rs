@@ -6,6 +6,7 @@ mod dense;
 mod factor;
 mod material;
 mod ordering;
+mod rigid_motion;
 pub mod stiffness;
 mod supports;
 
@@ -13,4 +14,5 @@ pub use block_matrix::{BlockMatrix, add_product, decouple};
 pub use bordered::{BorderRow, Bordered, HalfSolved, Region, SolveScratch};
 pub use factor::{Factor, FactorError, Path};
 pub use material::{Lame, MaterialError, TetMaterial};
+pub use rigid_motion::{FreeMotion, free_motion};
 pub use supports::{Prescribed, Supports};

@@ -1,14 +1,14 @@
 use super::cut_edges::CutEdges;
-use super::cut_polygon::cut_area;
+use super::cut_polygon::face_pieces;
 use super::enrichment::Topology;
 use super::fragments::Fragments;
 use super::growth::{GrowthLengths, Surroundings, grow};
-use super::lead::Lead;
-use super::stress_intensity::{CellForce, Fields, Station, evaluate, front_frames};
+use super::stress_intensity::{CellForce, Fields, Station, evaluate};
 use super::surface::{CrackSurface, Front};
 use super::system::System;
-use crate::bone::{FactorError, MaterialError, Supports, TetMaterial};
+use crate::bone::{FactorError, MaterialError, Supports, TetMaterial, free_motion};
 use crate::geometry::{TetLocator, TetMesh, Vec3};
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Why a cracked body could not be made.
@@ -65,17 +65,32 @@ impl Solid {
         (self.mesh.nodes().len() / 300).max(2)
     }
 
-    /// What is to be cut ahead of the fronts of a crack that has not grown yet, with the sheet of each.
-    fn leads(&self, crack: &CrackSurface) -> Vec<(usize, Lead)> {
-        let fronts = crack.fronts(&self.mesh, &self.locator, self.lengths.stick());
-        let lead = |front: &Front| {
-            let sheet = &crack.sheets[front.sheet];
-            let (points, advances) = front_frames(sheet, front, self.lengths.h);
-            let around = self.surroundings();
-            let lead = around.lead_ahead(crack, front.sheet, &points, &advances);
-            (front.sheet, lead)
-        };
-        fronts.iter().map(lead).collect()
+    /// Pieces that neither support nor spring holds.
+    fn loose_pieces(&self, fragments: &Fragments) -> Vec<u32> {
+        if self.supports.ground_spring > 0.0 {
+            return Vec::new();
+        }
+        let mut nodes_of = vec![Vec::new(); fragments.volume_share.len()];
+        for (i, &f) in (0u32..).zip(&fragments.of_node) {
+            nodes_of[f as usize].push(i);
+        }
+        let is_loose = |nodes: &Vec<u32>| free_motion(&self.mesh, &self.supports, nodes).is_some();
+        let pieces = (0u32..).zip(&nodes_of);
+        pieces.filter(|(_, n)| is_loose(n)).map(|p| p.0).collect()
+    }
+
+    /// The supports, with a soft spring at each node of the loose pieces.
+    fn supports_with(&self, fragments: &Fragments, loose: &[u32]) -> Cow<'_, Supports> {
+        if loose.is_empty() {
+            return Cow::Borrowed(&self.supports);
+        }
+        let stiffest = self.materials.iter().map(|m| m.young_modulus);
+        let spring = LOOSE_SPRING * stiffest.fold(0.0, f64::max) * self.lengths.h;
+        let mut supports = self.supports.clone();
+        let nodes = (0u32..).zip(&fragments.of_node);
+        let hanging = nodes.filter(|(_, f)| loose.contains(f));
+        supports.springs.extend(hanging.map(|(i, _)| (i, spring)));
+        Cow::Owned(supports)
     }
 
     fn check(&self) -> Result<(), BodyError> {
@@ -109,7 +124,12 @@ pub struct CrackedBody {
     pub system: Arc<System>,
     /// The pieces.
     pub fragments: Fragments,
+    /// Numbers of the pieces that no support holds; springs of [`LOOSE_SPRING`] keep their equations regular.
+    pub loose: Vec<u32>,
 }
+
+/// Spring to the ground at the nodes of a piece that nothing holds, relative to E h.
+pub const LOOSE_SPRING: f64 = 1e-7;
 
 /// A front with the stations at its vertices.
 #[derive(Clone, Debug, PartialEq)]
@@ -127,26 +147,17 @@ impl CrackedBody {
     /// [`BodyError`] for a material out of range or a body that nothing holds.
     pub fn new(solid: Arc<Solid>, mut crack: CrackSurface) -> Result<Self, BodyError> {
         solid.check()?;
-        let leads = solid.leads(&crack);
-        let (mesh, locator) = (&solid.mesh, &solid.locator);
-        let mut cuts = CutEdges::new(mesh);
-        for sheet in &crack.sheets {
-            cuts.seat_nodes(mesh, locator, &sheet.mesh);
-        }
-        for (_, lead) in &leads {
-            lead.seat(&mut cuts, mesh, locator);
-        }
-        for sheet in &crack.sheets {
-            cuts.cut(mesh, locator, &sheet.mesh, solid.chip_nodes());
-        }
-        for (sheet, lead) in leads {
-            lead.cut(&mut cuts, mesh, locator, solid.chip_nodes());
-            crack.sheets[sheet].lead.append(&lead.mesh);
-        }
+        let cuts = solid
+            .surroundings()
+            .first_cuts(&mut crack, solid.chip_nodes());
         let topology = Topology::new(&solid.mesh, &cuts);
-        let system = System::new(&solid.mesh, &solid.materials, &topology, &solid.supports)?;
+        let fragments = Fragments::find(&solid.mesh, &cuts);
+        let loose = solid.loose_pieces(&fragments);
+        let supports = solid.supports_with(&fragments, &loose);
+        let system = System::new(&solid.mesh, &solid.materials, &topology, &supports)?;
         Ok(Self {
-            fragments: Fragments::find(&solid.mesh, &cuts),
+            fragments,
+            loose,
             system: Arc::new(system),
             solid,
             crack,
@@ -193,15 +204,21 @@ impl CrackedBody {
         f.iter().zip(&x).map(|(f, x)| f * x).sum()
     }
 
-    /// What growing from `before` to this body costs: area \[mm2\] and energy \[N mm\] of the new faces.
+    /// What growing from `before` to this body costs: effective area \[mm2\] and energy \[N mm\] of the new faces.
     ///
-    /// The energy is the area in each tetrahedron that touches an edge of `newly_cut` times its toughness across the cut.
+    /// Effective: each face counts as far as it is free to open (the sum of the enriched nodes' shape functions), as the energy
+    /// that the growth releases does. The energy is that area in each tetrahedron times its toughness across the cut.
     pub fn cost(&self, before: &Self, newly_cut: &[u32]) -> (f64, f64) {
         let mesh = &self.solid.mesh;
-        let mut tets: Vec<u32> = newly_cut
+        let mut nodes: Vec<u32> = newly_cut
             .iter()
             .flat_map(|&e| mesh.tets_of_edge(e))
+            .flat_map(|t| mesh.tets()[t as usize])
             .collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        let around = nodes.iter().flat_map(|&n| mesh.tets_of_node(n as usize));
+        let mut tets: Vec<u32> = around.copied().collect();
         tets.sort_unstable();
         tets.dedup();
         let [now, then] = [self, before].map(|b| {
@@ -211,20 +228,17 @@ impl CrackedBody {
         (now.0 - then.0, now.1 - then.1)
     }
 
-    /// Area of the crack in one tetrahedron, and that area times the toughness across it.
+    /// Effective area of the crack in one tetrahedron, and that area times the toughness across it.
     fn faces_in(&self, t: u32) -> (f64, f64) {
-        let cells = &self.topology.cells()[self.topology.cells_of(t)];
-        if cells.len() < 2 {
-            return (0.0, 0.0);
-        }
         let material = &self.solid.materials[t as usize];
-        cells.iter().fold((0.0, 0.0), |(area, energy), cell| {
-            let vector = cut_area(&self.solid.mesh, &self.cuts, cell).1;
-            let (length, normal) = (vector.norm(), vector.try_normalize(1e-12));
-            let toughness = normal.map_or(0.0, |n| material.toughness(&n));
-            // Each face is seen from both sides.
-            (area + 0.5 * length, energy + 0.5 * length * toughness)
-        })
+        let (mut area, mut energy) = (0.0, 0.0);
+        face_pieces(&self.solid.mesh, &self.cuts, &self.topology, t, |f| {
+            let free = f.freedom * f.area_normal.norm();
+            let normal = f.area_normal.try_normalize(1e-12);
+            area += free;
+            energy += free * normal.map_or(0.0, |n| material.toughness(&n));
+        });
+        (area, energy)
     }
 
     /// G and K at every vertex of every front under `loads`, whose solution is `x`.
@@ -281,10 +295,19 @@ impl CrackedBody {
             newly_cut,
         } = growth;
         let topology = self.topology.grown(&s.mesh, &cuts, &newly_cut);
-        let system = (self.system).grown(&s.mesh, &s.materials, &topology, &s.supports)?;
+        let fragments = Fragments::find(&s.mesh, &cuts);
+        let loose = s.loose_pieces(&fragments);
+        let supports = s.supports_with(&fragments, &loose);
+        let system = if supports == s.supports_with(&self.fragments, &self.loose) {
+            (self.system).grown(&s.mesh, &s.materials, &topology, &supports)?
+        } else {
+            // A piece has come off that now hangs in springs of its own.
+            System::new(&s.mesh, &s.materials, &topology, &supports)?
+        };
         Ok(Self {
             solid: self.solid.clone(),
-            fragments: Fragments::find(&s.mesh, &cuts),
+            fragments,
+            loose,
             system: Arc::new(system),
             crack,
             cuts,

@@ -1,4 +1,4 @@
-//! Whether, how far and in which direction a crack grows: maximum strain energy release rate (MSERRC).
+//! Whether, how far and in which direction a crack grows: maximum strain energy release rate (MSERRC) or hoop stress (MTS).
 use std::f64::consts::PI;
 
 /// Stress intensity factors \[MPa sqrt(mm)\] in the front's frame: q outward, n normal, t = q x n.
@@ -12,7 +12,32 @@ pub struct StressIntensity {
     pub k3: f64,
 }
 
+/// What a crack maximises when it chooses its direction.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Criterion {
+    /// The energy that an infinitesimal kink releases, over the toughness in its direction.
+    #[default]
+    EnergyRelease,
+    /// The hoop stress before the front (Erdogan & Sih 1963): K_eq = cos^3(a/2) K_I - 3 cos^2(a/2) sin(a/2) K_II, compared as
+    /// K_eq^2 with the toughness in its direction. Tearing has no say in it.
+    HoopStress,
+}
+
 impl StressIntensity {
+    /// E' G that `criterion` sets against the toughness of a kink at `angle` \[rad\] \[MPa2 mm\].
+    pub fn drive(&self, criterion: Criterion, angle: f64, poisson_ratio: f64) -> f64 {
+        match criterion {
+            Criterion::EnergyRelease => self.kinked_release(angle, poisson_ratio),
+            Criterion::HoopStress => self.hoop_intensity(angle).max(0.0).powi(2),
+        }
+    }
+
+    /// K_eq of the hoop stress at `angle` \[rad\].
+    pub fn hoop_intensity(&self, angle: f64) -> f64 {
+        let (s, c) = (0.5 * angle).sin_cos();
+        c * c * (c * self.k1 - 3.0 * s * self.k2)
+    }
+
     /// E' G = K_I^2 + K_II^2 + K_III^2 / (1 - nu) of straight growth \[MPa2 mm\].
     pub fn straight_release(&self, poisson_ratio: f64) -> f64 {
         self.k1 * self.k1 + self.k2 * self.k2 + self.k3 * self.k3 / (1.0 - poisson_ratio)
@@ -33,16 +58,17 @@ impl StressIntensity {
         k1 * k1 + k2 * k2 + k3 * k3 / (1.0 - poisson_ratio)
     }
 
-    /// The angle \[rad\] within +-`limit` that maximises E' G(theta) / `toughness(theta)`, and that maximum.
+    /// The angle \[rad\] within +-`limit` that maximises the drive of `criterion` over `toughness(theta)`, and that maximum.
     ///
     /// Scanned by the degree, then refined by parabolas to 1e-6 rad.
     pub fn preferred_kink(
         &self,
+        criterion: Criterion,
         poisson_ratio: f64,
         limit: f64,
         toughness: impl Fn(f64) -> f64,
     ) -> (f64, f64) {
-        let drive = |a: f64| self.kinked_release(a, poisson_ratio) / toughness(a);
+        let drive = |a: f64| self.drive(criterion, a, poisson_ratio) / toughness(a);
         let steps = (limit.to_degrees().floor() as i32).max(1);
         let step = limit / f64::from(steps);
         let mut best = (0.0, drive(0.0));
@@ -149,13 +175,33 @@ mod tests {
             (0.0, 1.0, -75.75, 1.5172),
         ] {
             let k = StressIntensity { k1, k2, k3: 0.0 };
-            let (angle, best) = k.preferred_kink(0.3, 1.4, |_| 1.0);
+            let (angle, best) = k.preferred_kink(Criterion::EnergyRelease, 0.3, 1.4, |_| 1.0);
             assert!(
                 (angle.to_degrees() - degrees).abs() < 0.02,
                 "{k1}, {k2}: {}",
                 angle.to_degrees()
             );
             assert!((best - release).abs() < 2e-4, "{k1}, {k2}: {best}");
+        }
+    }
+
+    /// Angles and K_eq of the closed form, theta = 2 atan((K_I - sqrt(K_I^2 + 8 K_II^2)) / (4 K_II)).
+    #[test]
+    fn hoop_stress_kinks_match_the_closed_form() {
+        for (k1, k2, degrees, k_eq) in [
+            (1.0, 0.1, -11.20, 1.0147),
+            (1.0, 0.25, -25.33, 1.0853),
+            (1.0, 0.5, -40.21, 1.2828),
+            (1.0, 1.0, -53.13, 1.7889),
+            (0.0, 1.0, -70.53, 1.1547),
+        ] {
+            let k = StressIntensity { k1, k2, k3: 0.0 };
+            let (angle, best) = k.preferred_kink(Criterion::HoopStress, 0.3, 1.4, |_| 1.0);
+            assert!(
+                (angle.to_degrees() - degrees).abs() < 0.01,
+                "{k1}, {k2}: {angle}"
+            );
+            assert!((best.sqrt() - k_eq).abs() < 1e-4, "{k1}, {k2}: {best}");
         }
     }
 
@@ -166,10 +212,17 @@ mod tests {
             k2: 0.5,
             k3: 0.0,
         };
-        let (free, _) = k.preferred_kink(0.3, 1.2, |_| 1.0);
-        let (steered, _) = k.preferred_kink(0.3, 1.2, |a| 1.0 + 3.0 * a.sin().powi(2));
+        let (free, _) = k.preferred_kink(Criterion::EnergyRelease, 0.3, 1.2, |_| 1.0);
+        let (steered, _) = k.preferred_kink(Criterion::EnergyRelease, 0.3, 1.2, |a| {
+            1.0 + 3.0 * a.sin().powi(2)
+        });
         assert!(steered.abs() < 0.6 * free.abs());
-        let (mirrored, _) = StressIntensity { k2: -0.5, ..k }.preferred_kink(0.3, 1.2, |_| 1.0);
+        let (mirrored, _) = StressIntensity { k2: -0.5, ..k }.preferred_kink(
+            Criterion::EnergyRelease,
+            0.3,
+            1.2,
+            |_| 1.0,
+        );
         assert!((mirrored + free).abs() < 1e-5);
     }
 

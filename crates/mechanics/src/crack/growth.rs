@@ -1,9 +1,11 @@
 //! How the explicit crack grows: stations advance, a strip of triangles joins the old front to the new one.
+use super::criterion::Criterion;
 use super::cut_edges::CutEdges;
 use super::lead::Lead;
-use super::stress_intensity::Station;
+use super::stress_intensity::{Station, front_frames, front_normals};
 use super::surface::{CrackSurface, Front, Sheet};
 use crate::geometry::{TetLocator, TetMesh, TriMesh, Vec3};
+use rustc_hash::FxHashMap;
 
 /// Lengths of one growth step \[mm\] and its largest kink.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,6 +18,8 @@ pub struct GrowthLengths {
     pub spacing: f64,
     /// Largest kink in one step \[rad\].
     pub max_kink: f64,
+    /// What the direction maximises.
+    pub criterion: Criterion,
 }
 
 impl GrowthLengths {
@@ -25,7 +29,8 @@ impl GrowthLengths {
             h,
             increment: 0.8 * h,
             spacing: 0.5 * h,
-            max_kink: 0.6,
+            max_kink: 1.2,
+            criterion: Criterion::EnergyRelease,
         }
     }
 
@@ -60,8 +65,8 @@ pub struct Drive {
     pub kink: f64,
 }
 
-/// MSERRC at one station: magnitude from the domain integral, dependence on the angle from the stress intensity factors.
-pub fn drive(station: &Station, max_kink: f64) -> Drive {
+/// The criterion at one station: magnitude from the domain integral, dependence on the angle from the stress intensity factors.
+pub fn drive(station: &Station, lengths: &GrowthLengths) -> Drive {
     let straight = station.k.straight_release(station.material.poisson_ratio);
     if station.g <= 0.0 || straight <= 0.0 {
         return Drive {
@@ -74,22 +79,21 @@ pub fn drive(station: &Station, max_kink: f64) -> Drive {
             .material
             .toughness(&(station.normal * a.cos() - station.advance * a.sin()))
     };
-    let (kink, best) =
-        station
-            .k
-            .preferred_kink(station.material.poisson_ratio, max_kink, toughness);
+    let (kink, best) = station.k.preferred_kink(
+        lengths.criterion,
+        station.material.poisson_ratio,
+        lengths.max_kink,
+        toughness,
+    );
     Drive {
         ratio: station.g * best / straight,
         kink,
     }
 }
 
-/// MSERRC at each station of a front, smoothed along it.
+/// The criterion at each station of a front, smoothed along it.
 pub fn drives(stations: &[Station], closed: bool, lengths: &GrowthLengths) -> Vec<Drive> {
-    let raw: Vec<Drive> = stations
-        .iter()
-        .map(|s| drive(s, lengths.max_kink))
-        .collect();
+    let raw: Vec<Drive> = stations.iter().map(|s| drive(s, lengths)).collect();
     smoothed(stations, &raw, closed, 1.5 * lengths.h)
 }
 
@@ -114,7 +118,12 @@ pub fn advances(
 }
 
 /// Averages over a hat along the front; stations that lie mostly outside the body only receive.
-fn smoothed(stations: &[Station], raw: &[Drive], closed: bool, half_width: f64) -> Vec<Drive> {
+pub(super) fn smoothed(
+    stations: &[Station],
+    raw: &[Drive],
+    closed: bool,
+    half_width: f64,
+) -> Vec<Drive> {
     let n = stations.len();
     let mut arc = vec![0.0];
     for k in 1..n {
@@ -205,6 +214,38 @@ impl Surroundings<'_> {
     }
 }
 
+impl Surroundings<'_> {
+    /// What the sheets cut, and what is cut ahead of their fronts; the sheets remember their leads.
+    pub fn first_cuts(&self, crack: &mut CrackSurface, chip_nodes: usize) -> CutEdges {
+        let (mesh, locator) = (self.mesh, self.locator);
+        let fronts = crack.fronts(mesh, locator, self.lengths.stick());
+        let lead = |front: &Front| {
+            let (points, advances) =
+                front_frames(&crack.sheets[front.sheet], front, self.lengths.h);
+            (
+                front.sheet,
+                self.lead_ahead(crack, front.sheet, &points, &advances),
+            )
+        };
+        let leads: Vec<_> = fronts.iter().map(lead).collect();
+        let mut cuts = CutEdges::new(mesh);
+        for sheet in &crack.sheets {
+            cuts.seat_nodes(mesh, locator, &sheet.mesh);
+        }
+        for (_, lead) in &leads {
+            lead.seat(&mut cuts, mesh, locator);
+        }
+        for sheet in &crack.sheets {
+            cuts.cut(mesh, locator, &sheet.mesh, chip_nodes);
+        }
+        for (sheet, lead) in leads {
+            lead.cut(&mut cuts, mesh, locator, chip_nodes);
+            crack.sheets[sheet].lead.append(&lead.mesh);
+        }
+        cuts
+    }
+}
+
 /// One strip that was grown.
 #[derive(Clone, Debug, Default)]
 pub struct Strip {
@@ -234,34 +275,155 @@ impl Strip {
 }
 
 /// Advances a front by `moves`, one a vertex; the sheet gains a strip for each run of moving vertices.
+///
+/// A strip with a folded or flat triangle is not taken: moves around it are evened out and shortened, in the end withheld, until
+/// the strip is sound.
 pub fn grow(
     crack: &mut CrackSurface,
     front: &Front,
     moves: &[Vec3],
     around: &Surroundings,
 ) -> Strip {
-    let first_triangle = crack.sheets[front.sheet].mesh.triangles.len();
-    let mut grown = TriMesh::default();
-    let mut lead = Lead::default();
+    const GENTLE: usize = 3;
+    const ATTEMPTS: usize = 7;
+    let sheet = &crack.sheets[front.sheet];
+    let first_triangle = sheet.mesh.triangles.len();
+    let normals = front_normals(sheet, front, around.lengths.h);
+    let mut moves = moves.to_vec();
+    for attempt in 0..ATTEMPTS {
+        let trial = advanced(crack, front, &moves, around);
+        let unsound = trial.unsound(front, &normals, around.lengths.h);
+        if unsound.is_empty() {
+            crack.sheets[front.sheet] = trial.sheet;
+            return Strip {
+                grown: trial.grown,
+                lead: trial.lead,
+                first_triangle,
+            };
+        }
+        moves = eased(&moves, &unsound, front.closed, attempt >= GENTLE);
+    }
+    Strip {
+        first_triangle,
+        ..Default::default()
+    }
+}
+
+/// A strip on trial.
+struct Trial {
+    sheet: Sheet,
+    grown: TriMesh,
+    lead: Lead,
+    first_triangle: usize,
+}
+
+fn advanced(crack: &CrackSurface, front: &Front, moves: &[Vec3], around: &Surroundings) -> Trial {
+    let sheet = crack.sheets[front.sheet].clone();
+    let first_triangle = sheet.mesh.triangles.len();
+    let mut trial = Trial {
+        sheet,
+        grown: TriMesh::default(),
+        lead: Lead::default(),
+        first_triangle,
+    };
     for run in runs(front, moves, around.lengths.spacing * 0.05) {
         let target = new_front(crack, front, &run, moves, around);
         if target.points.len() < 2 {
             continue;
         }
-        let strip_start = crack.sheets[front.sheet].mesh.triangles.len();
-        let new = append(&mut crack.sheets[front.sheet], &target);
-        zip(&mut crack.sheets[front.sheet].mesh, &run.vertices, &new);
-        let mesh = &crack.sheets[front.sheet].mesh;
-        for t in strip_start..mesh.triangles.len() {
-            push_triangle(&mut grown, mesh.corners(t));
+        let new = append(&mut trial.sheet, &target);
+        zip(&mut trial.sheet.mesh, &run.vertices, &new);
+        trial.lead.append(&around.lead_ahead(
+            crack,
+            front.sheet,
+            &target.points,
+            &target.directions,
+        ));
+    }
+    let mesh = &trial.sheet.mesh;
+    for t in first_triangle..mesh.triangles.len() {
+        push_triangle(&mut trial.grown, mesh.corners(t));
+    }
+    trial
+}
+
+impl Trial {
+    /// Places in the old front near which a new triangle is flat, looks backwards, or folds onto its neighbour.
+    fn unsound(&self, front: &Front, normals: &[Vec3], h: f64) -> Vec<usize> {
+        /// Cosines of the sharpest angle with the front's normal, and between neighbours.
+        const FORWARD: f64 = 0.1;
+        const OPEN: f64 = 0.0;
+        /// Least height of a triangle over its longest edge.
+        const SLIMMEST: f64 = 0.02;
+        let mesh = &self.sheet.mesh;
+        let at = |v: u32| mesh.vertices[v as usize];
+        let place = |t: usize| {
+            let centre = mesh.corners(t).iter().sum::<Vec3>() / 3.0;
+            let distance = |k: &usize| (at(front.vertices[*k]) - centre).norm();
+            (0..front.vertices.len())
+                .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+                .unwrap_or(0)
+        };
+        let mut beside: FxHashMap<[u32; 2], usize> = FxHashMap::default();
+        let mut found = Vec::new();
+        for (t, [a, b, c]) in mesh.triangles.iter().enumerate() {
+            for edge in [[*a, *b], [*b, *c], [*c, *a]] {
+                if beside.insert(edge, t).is_some() {
+                    found.push(place(t));
+                }
+            }
         }
-        lead.append(&around.lead_ahead(crack, front.sheet, &target.points, &target.directions));
+        for t in self.first_triangle..mesh.triangles.len() {
+            let corners = mesh.corners(t);
+            let longest = (0..3)
+                .map(|k| (corners[k] - corners[(k + 1) % 3]).norm())
+                .fold(0.0, f64::max);
+            let area = mesh.area_normal(t);
+            let near = place(t);
+            let flat = area.norm() < SLIMMEST * longest * longest || area.norm() < 1e-4 * h * h;
+            let backwards = area.dot(&normals[near]) < FORWARD * area.norm();
+            let tri = mesh.triangles[t];
+            let folds = (0..3).any(|k| {
+                let other = beside.get(&[tri[(k + 1) % 3], tri[k]]);
+                other.is_some_and(|o| {
+                    let n = mesh.area_normal(*o);
+                    n.dot(&area) < OPEN * n.norm() * area.norm()
+                })
+            });
+            if flat || backwards || folds {
+                found.push(near);
+            }
+        }
+        found
     }
-    Strip {
-        grown,
-        lead,
-        first_triangle,
-    }
+}
+
+/// Moves evened out and shortened around some places, or withheld there.
+fn eased(moves: &[Vec3], places: &[usize], closed: bool, withheld: bool) -> Vec<Vec3> {
+    const REACH: usize = 2;
+    let n = moves.len();
+    let near = |k: usize| {
+        places.iter().any(|&p| {
+            let d = p.abs_diff(k);
+            d <= REACH || (closed && n - d <= REACH)
+        })
+    };
+    let at = |k: usize, step: isize| {
+        let j = k as isize + step;
+        let j = if closed {
+            j.rem_euclid(n as isize)
+        } else {
+            j.clamp(0, n as isize - 1)
+        };
+        moves[j as usize]
+    };
+    (0..n)
+        .map(|k| match (near(k), withheld) {
+            (false, _) => moves[k],
+            (true, true) => Vec3::zeros(),
+            (true, false) => (at(k, -1) + moves[k] * 2.0 + at(k, 1)) * (0.25 * 0.6),
+        })
+        .collect()
 }
 
 fn push_triangle(mesh: &mut TriMesh, corners: [Vec3; 3]) {
@@ -363,7 +525,8 @@ fn new_front(
             line.reverse();
         }
     }
-    let line = resample(&line, around.lengths.spacing);
+    let fewest = if pinned == [true; 2] { 2 } else { 1 };
+    let line = resample(&line, around.lengths.spacing, fewest);
     let end = |side: usize| {
         let v = if side == 0 {
             run.vertices.first()
@@ -450,13 +613,13 @@ fn finish_end(
     line.push((end + onward * length, direction));
 }
 
-fn resample(line: &[(Vec3, Vec3)], spacing: f64) -> Vec<(Vec3, Vec3)> {
+fn resample(line: &[(Vec3, Vec3)], spacing: f64, fewest: usize) -> Vec<(Vec3, Vec3)> {
     let mut arc = vec![0.0];
     for k in 1..line.len() {
         arc.push(arc[k - 1] + (line[k].0 - line[k - 1].0).norm());
     }
     let total = arc[arc.len() - 1];
-    let n = (total / spacing).round().max(1.0) as usize;
+    let n = ((total / spacing).round() as usize).max(fewest);
     (0..=n)
         .map(|i| {
             let s = total * i as f64 / n as f64;

@@ -1,4 +1,5 @@
 //! The crack: its explicit surface, what it cuts, how hard it is driven, and how it grows.
+mod area;
 mod body;
 pub mod criterion;
 mod cut_edges;
@@ -9,8 +10,10 @@ mod front;
 pub mod growth;
 mod lead;
 pub mod level_set;
+pub mod load_control;
 pub mod stress_intensity;
 mod surface;
+mod surface_load;
 mod system;
 
 pub use body::{BodyError, CrackedBody, EvaluatedFront, Growth, Solid};
@@ -20,4 +23,5 @@ pub use enrichment::{Cell, STANDARD, Topology};
 pub use fragments::{Fragments, SMALLEST_FRAGMENT, UnionFind, bridging_edges};
 pub use lead::Lead;
 pub use surface::{CrackSurface, Front, LinePoint, Sheet};
+pub use surface_load::{LoadKind, SurfaceLoad};
 pub use system::System;

@@ -229,7 +229,7 @@ fn ligament(
     let (area, cost) = torn.cost(&bone.cracked, &newly_cut);
     // Whatever is larger than the domain of the integrals is a crack front's business, not a ligament's.
     let h = body.lengths.h;
-    if !(0.0..LARGEST_LIGAMENT * h * h).contains(&area) {
+    if area > LARGEST_LIGAMENT * h * h {
         return Ok(None);
     }
     // A ligament of next to no area still has to be torn by something.

@@ -2,10 +2,10 @@
 use super::noise;
 use nalgebra::Matrix3;
 use osteotome_mechanics::bone::{Supports, TetMaterial, stiffness};
-use osteotome_mechanics::crack::growth::{GrowthLengths, Surroundings};
-use osteotome_mechanics::crack::stress_intensity::{
-    CellForce, Fields, Station, evaluate, front_frames,
+use osteotome_mechanics::crack::growth::{
+    Drive, GrowthLengths, Surroundings, advances, drives, grow,
 };
+use osteotome_mechanics::crack::stress_intensity::{CellForce, Fields, Station, evaluate};
 use osteotome_mechanics::crack::{
     CrackSurface, CutEdges, FacePiece, Front, Sheet, System, Topology, face_pieces,
 };
@@ -207,31 +207,10 @@ impl Specimen {
             mesh,
             ..Default::default()
         };
-        let crack = CrackSurface {
+        let mut crack = CrackSurface {
             sheets: sheets.into_iter().map(sheet).collect(),
         };
-        let mut cuts = CutEdges::new(&self.mesh);
-        let around = self.surroundings();
-        let leads: Vec<_> = crack
-            .fronts(&self.mesh, &self.locator, around.lengths.stick())
-            .iter()
-            .map(|front| {
-                let (points, advances) = front_frames(&crack.sheets[front.sheet], front, self.h);
-                around.lead_ahead(&crack, front.sheet, &points, &advances)
-            })
-            .collect();
-        for s in &crack.sheets {
-            cuts.seat_nodes(&self.mesh, &self.locator, &s.mesh);
-        }
-        for lead in &leads {
-            lead.seat(&mut cuts, &self.mesh, &self.locator);
-        }
-        for s in &crack.sheets {
-            cuts.cut(&self.mesh, &self.locator, &s.mesh, 1);
-        }
-        for lead in &leads {
-            lead.cut(&mut cuts, &self.mesh, &self.locator, 1);
-        }
+        let cuts = self.surroundings().first_cuts(&mut crack, 1);
         Cracked::new(self, crack, cuts)
     }
 
@@ -385,9 +364,9 @@ impl<'a> Cracked<'a> {
             .fronts(around.mesh, around.locator, around.lengths.stick())
     }
 
-    pub fn stations(&self, solved: &Solved, front: &Front) -> Vec<Station> {
+    pub fn fields<'b>(&'b self, solved: &'b Solved) -> Fields<'b> {
         let s = self.specimen;
-        let fields = Fields {
+        Fields {
             mesh: &s.mesh,
             locator: &s.locator,
             materials: &s.materials,
@@ -396,8 +375,73 @@ impl<'a> Cracked<'a> {
             system: &self.system,
             x: &solved.x,
             loads: &solved.loads,
+        }
+    }
+
+    pub fn stations(&self, solved: &Solved, front: &Front) -> Vec<Station> {
+        let fronts = std::slice::from_ref(front);
+        evaluate(
+            &self.fields(solved),
+            &self.crack,
+            fronts,
+            self.specimen.h,
+            0.0,
+        )
+        .remove(0)
+    }
+
+    /// The body after further cuts.
+    pub fn then(&self, crack: CrackSurface, cuts: CutEdges, newly_cut: &[u32]) -> Cracked<'a> {
+        let s = self.specimen;
+        let topology = self.topology.grown(&s.mesh, &cuts, newly_cut);
+        let system = (self.system)
+            .grown(&s.mesh, &s.materials, &topology, &s.supports)
+            .unwrap();
+        Cracked {
+            specimen: s,
+            crack,
+            cuts,
+            topology,
+            system,
+        }
+    }
+
+    /// The crack grown by one increment, and the drives and stations of each front; `None` if it rests.
+    pub fn grown(
+        &self,
+        solved: &Solved,
+        lengths: GrowthLengths,
+    ) -> Option<(Cracked<'a>, Vec<GrownFront>)> {
+        let around = Surroundings {
+            lengths,
+            ..self.specimen.surroundings()
         };
-        evaluate(&fields, &self.crack, std::slice::from_ref(front), s.h, 0.0).remove(0)
+        let (mut crack, mut cuts) = (self.crack.clone(), self.cuts.clone());
+        let (mut grown, mut newly_cut) = (Vec::new(), Vec::new());
+        let fronts = self.fronts();
+        let all = evaluate(
+            &self.fields(solved),
+            &self.crack,
+            &fronts,
+            self.specimen.h,
+            0.0,
+        );
+        for (front, stations) in fronts.iter().zip(all) {
+            let drives = drives(&stations, front.closed, &lengths);
+            let strongest = drives.iter().map(|d| d.ratio).fold(0.0, f64::max);
+            let moves = advances(&stations, &drives, strongest, &lengths);
+            if moves.iter().any(|m| *m != Vec3::zeros()) {
+                let strip = grow(&mut crack, front, &moves, &around);
+                let (mesh, locator) = (&self.specimen.mesh, &self.specimen.locator);
+                newly_cut.extend(strip.cut(&mut cuts, mesh, locator, 1));
+                grown.push(GrownFront {
+                    stations,
+                    drives,
+                    moves,
+                });
+            }
+        }
+        (!grown.is_empty()).then(|| (self.then(crack, cuts, &newly_cut), grown))
     }
 
     /// Cauchy stress in each cell.
@@ -413,6 +457,13 @@ impl<'a> Cracked<'a> {
         };
         self.topology.cells().iter().map(stress).collect()
     }
+}
+
+/// What drove one front of a growth step, and how it moved.
+pub struct GrownFront {
+    pub stations: Vec<Station>,
+    pub drives: Vec<Drive>,
+    pub moves: Vec<Vec3>,
 }
 
 /// Mean and standard deviation.

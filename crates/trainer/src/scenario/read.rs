@@ -48,7 +48,7 @@ impl Source {
 }
 
 /// An I/O error's text without the "(os error N)".
-fn plain(error: &std::io::Error) -> String {
+pub fn plain(error: &std::io::Error) -> String {
     let text = error.to_string();
     text.split(" (os error")
         .next()
@@ -62,7 +62,7 @@ fn plain(error: &std::io::Error) -> String {
 /// One line: where (file, key), what, and what would be right.
 pub fn load(source: &Source, overrides: &[Override], working_directory: &Path) -> Result<Scenario> {
     let name = source.name();
-    let mut tree = parse(&source.text()?, &name)?;
+    let mut tree = parse_toml(&source.text()?, &name)?;
     resolve_paths(&mut tree, &source.folder(working_directory));
     for o in overrides {
         o.apply(&mut tree, working_directory)?;
@@ -83,7 +83,11 @@ pub fn load(source: &Source, overrides: &[Override], working_directory: &Path) -
     Ok(scenario)
 }
 
-fn parse(text: &str, name: &str) -> Result<Table> {
+/// TOML as a tree; what is no TOML is named by line.
+///
+/// # Errors
+/// One line that begins with `name`.
+pub fn parse_toml(text: &str, name: &str) -> Result<Table> {
     text.parse::<Table>().map_err(|e| {
         let line = e
             .span()
@@ -97,7 +101,11 @@ fn parse(text: &str, name: &str) -> Result<Table> {
 }
 
 /// Serde's complaint as one line; an unknown key is answered with the nearest right one.
-fn explain(path: &str, error: &toml::de::Error, place: &impl Fn(&str) -> String) -> anyhow::Error {
+pub fn explain(
+    path: &str,
+    error: &toml::de::Error,
+    place: &impl Fn(&str) -> String,
+) -> anyhow::Error {
     let path = path.replace('[', ".").replace(']', "");
     let message = error.message().replace('\n', ", ");
     let names: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
@@ -141,6 +149,7 @@ fn validate(s: &Scenario, place: &impl Fn(&str) -> String) -> Result<()> {
     at.material("material.trabecular", &s.material.trabecular)?;
     at.positive("material.cortical_thickness", s.material.cortical_thickness)?;
     at.count("mesh.nodes", s.mesh.nodes, 100, 200_000)?;
+    at.range("mesh.grading", s.mesh.grading, 1.0, 6.0)?;
     at.count("mesh.shell_points", s.mesh.shell_points, 1000, 1_000_000)?;
     at.existing("mesh.file", s.mesh.file.as_deref())?;
     at.positive("supports.soft_tissue", s.supports.soft_tissue)?;

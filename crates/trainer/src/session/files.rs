@@ -45,35 +45,108 @@ pub struct FinalBone {
 
 /// The bone as VTU (XML, ASCII).
 pub fn write_final_bone(bone: &FinalBone) -> String {
-    let mut text = format!(
-        "<?xml version=\"1.0\"?>\n<!-- osteotome.bone_final/1, mm; a cut element appears once for each piece -->\n\
-         <VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\">\n<UnstructuredGrid>\n\
-         <Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n",
-        bone.points.len(),
-        bone.cells.len()
-    );
-    let triples = |list: &[[f64; 3]]| rows(list, |[x, y, z]| format!("{x} {y} {z}"));
-    text += "<Points>\n";
-    text += &array("Points", "Float64", 3, &triples(&bone.points));
-    text += "</Points>\n<Cells>\n";
-    let corners = rows(&bone.cells, |[a, b, c, d]| format!("{a} {b} {c} {d}"));
-    text += &array("connectivity", "Int64", 1, &corners);
-    let ends: Vec<_> = (1..=bone.cells.len()).map(|i| 4 * i).collect();
-    text += &array("offsets", "Int64", 1, &rows(&ends, ToString::to_string));
-    text += &array("types", "UInt8", 1, &rows(&ends, |_| "10".to_owned()));
-    text += "</Cells>\n<PointData>\n";
-    text += &array("displacement", "Float64", 3, &triples(&bone.displacement));
-    text += "</PointData>\n<CellData>\n";
-    text += &array(
-        "fragment",
-        "Int64",
-        1,
-        &rows(&bone.fragment, ToString::to_string),
-    );
-    let shares = rows(&bone.volume_fraction, ToString::to_string);
-    text += &array("volume_fraction", "Float64", 1, &shares);
-    text += "</CellData>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n";
-    text
+    VtuWriter::new("osteotome.bone_final/1, mm; a cut element appears once for each piece")
+        .points(&bone.points)
+        .tetrahedra(&bone.cells)
+        .point_vectors("displacement", &bone.displacement)
+        .cell_indices("fragment", &bone.fragment)
+        .cell_numbers("volume_fraction", &bone.volume_fraction)
+        .finish()
+}
+
+/// An unstructured grid of tetrahedra in the making (VTU: XML, ASCII).
+#[derive(Debug, Default)]
+pub struct VtuWriter {
+    comment: String,
+    n_points: usize,
+    n_cells: usize,
+    geometry: String,
+    point_data: String,
+    cell_data: String,
+}
+
+impl VtuWriter {
+    /// `comment`: schema and units; must not hold two hyphens in a row.
+    pub fn new(comment: &str) -> Self {
+        Self {
+            comment: comment.to_owned(),
+            ..Self::default()
+        }
+    }
+
+    /// Positions.
+    pub fn points(mut self, points: &[[f64; 3]]) -> Self {
+        self.n_points = points.len();
+        self.geometry += &format!("<Points>\n{}</Points>\n", vectors("Points", points));
+        self
+    }
+
+    /// Corners of each cell.
+    pub fn tetrahedra(mut self, cells: &[[u32; 4]]) -> Self {
+        self.n_cells = cells.len();
+        let corners = rows(cells, |[a, b, c, d]| format!("{a} {b} {c} {d}"));
+        let ends: Vec<_> = (1..=cells.len()).map(|i| 4 * i).collect();
+        self.geometry += "<Cells>\n";
+        self.geometry += &array("connectivity", "Int64", 1, &corners);
+        self.geometry += &array("offsets", "Int64", 1, &rows(&ends, ToString::to_string));
+        self.geometry += &array("types", "UInt8", 1, &rows(&ends, |_| "10".to_owned()));
+        self.geometry += "</Cells>\n";
+        self
+    }
+
+    /// A vector at each point.
+    pub fn point_vectors(mut self, name: &str, values: &[[f64; 3]]) -> Self {
+        self.point_data += &vectors(name, values);
+        self
+    }
+
+    /// A number at each point.
+    pub fn point_numbers(mut self, name: &str, values: &[f64]) -> Self {
+        self.point_data += &array(name, "Float64", 1, &rows(values, |v| number(*v)));
+        self
+    }
+
+    /// A number in each cell.
+    pub fn cell_numbers(mut self, name: &str, values: &[f64]) -> Self {
+        self.cell_data += &array(name, "Float64", 1, &rows(values, |v| number(*v)));
+        self
+    }
+
+    /// A whole number in each cell.
+    pub fn cell_indices(mut self, name: &str, values: &[u32]) -> Self {
+        self.cell_data += &array(name, "Int64", 1, &rows(values, ToString::to_string));
+        self
+    }
+
+    /// The file.
+    pub fn finish(self) -> String {
+        format!(
+            "<?xml version=\"1.0\"?>\n<!-- {} -->\n\
+             <VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\">\n<UnstructuredGrid>\n\
+             <Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n{}\
+             <PointData>\n{}</PointData>\n<CellData>\n{}</CellData>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n",
+            self.comment,
+            self.n_points,
+            self.n_cells,
+            self.geometry,
+            self.point_data,
+            self.cell_data
+        )
+    }
+}
+
+/// Shortest text that reads back the same, with an exponent where it is far from 1.
+fn number(v: f64) -> String {
+    if v.fract() == 0.0 && v.abs() < 1e15 {
+        format!("{v}")
+    } else {
+        format!("{v:?}")
+    }
+}
+
+fn vectors(name: &str, values: &[[f64; 3]]) -> String {
+    let row = |v: &[f64; 3]| v.map(number).join(" ");
+    array(name, "Float64", 3, &rows(values, row))
 }
 
 fn rows<T>(list: &[T], row: impl Fn(&T) -> String) -> String {

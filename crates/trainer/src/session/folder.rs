@@ -1,24 +1,37 @@
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 
-/// The session folder in the making: `DIR.partial`, renamed to `DIR` at the end. Dropped before that, it goes away.
+/// A folder of results in the making: `DIR.partial`, renamed to `DIR` at the end. Dropped before that, it goes away.
 #[derive(Debug)]
 pub struct SessionFolder {
     partial: PathBuf,
     wanted: PathBuf,
+    mark: &'static Mark,
     is_done: bool,
 }
 
-/// By these a folder is known as an earlier session, which may be replaced.
-const MARK: &str = "session.mcap";
+/// By what a folder is known as an earlier result of the same kind, which may be replaced.
+#[derive(Debug)]
+pub struct Mark {
+    /// A file in it.
+    pub file: &'static str,
+    /// What it is called.
+    pub what: &'static str,
+}
+
+/// The mark of a session.
+pub const SESSION: Mark = Mark {
+    file: "session.mcap",
+    what: "a session",
+};
 
 impl SessionFolder {
     /// Starts a folder that will become `wanted`.
     ///
     /// # Errors
-    /// If `wanted` is there and neither empty nor an earlier session, or cannot be made.
-    pub fn create(wanted: &Path) -> Result<Self> {
-        check_replaceable(wanted)?;
+    /// If `wanted` is there and neither empty nor marked, or cannot be made.
+    pub fn create(wanted: &Path, mark: &'static Mark) -> Result<Self> {
+        check_replaceable(wanted, mark)?;
         let mut name = wanted
             .file_name()
             .with_context(|| format!("--out {}: this names no folder", wanted.display()))?
@@ -33,6 +46,7 @@ impl SessionFolder {
         Ok(Self {
             partial,
             wanted: wanted.to_owned(),
+            mark,
             is_done: false,
         })
     }
@@ -40,9 +54,9 @@ impl SessionFolder {
     /// Whether [`create`](Self::create) may be expected to succeed; writes nothing.
     ///
     /// # Errors
-    /// If `wanted` is there and neither empty nor an earlier session.
-    pub fn check(wanted: &Path) -> Result<()> {
-        check_replaceable(wanted)
+    /// If `wanted` is there and neither empty nor marked.
+    pub fn check(wanted: &Path, mark: &Mark) -> Result<()> {
+        check_replaceable(wanted, mark)
     }
 
     /// Where to write until the folder is finished and renamed.
@@ -59,12 +73,12 @@ impl SessionFolder {
         std::fs::write(&path, text).with_context(|| path.display().to_string())
     }
 
-    /// Makes the folder appear under its name; an earlier session there goes away.
+    /// Makes the folder appear under its name; an earlier one there goes away.
     ///
     /// # Errors
     /// Whatever the file system says.
     pub fn finish(mut self) -> Result<PathBuf> {
-        check_replaceable(&self.wanted)?;
+        check_replaceable(&self.wanted, self.mark)?;
         if self.wanted.exists() {
             std::fs::remove_dir_all(&self.wanted)
                 .with_context(|| self.wanted.display().to_string())?;
@@ -85,7 +99,7 @@ impl Drop for SessionFolder {
     }
 }
 
-fn check_replaceable(wanted: &Path) -> Result<()> {
+fn check_replaceable(wanted: &Path, mark: &Mark) -> Result<()> {
     let shown = wanted.display();
     if !wanted.exists() {
         return Ok(());
@@ -97,9 +111,10 @@ fn check_replaceable(wanted: &Path) -> Result<()> {
         .with_context(|| shown.to_string())?
         .next()
         .is_none();
-    if !is_empty && !wanted.join(MARK).is_file() {
+    if !is_empty && !wanted.join(mark.file).is_file() {
         bail!(
-            "--out {shown}: the folder holds something else than a session; give a new or an empty folder"
+            "--out {shown}: the folder holds something else than {}; give a new or an empty folder",
+            mark.what
         );
     }
     Ok(())
@@ -113,12 +128,12 @@ mod tests {
     fn appears_whole_or_not_at_all() {
         let base = tempfile::tempdir().unwrap();
         let wanted = base.path().join("deep/out");
-        let folder = SessionFolder::create(&wanted).unwrap();
+        let folder = SessionFolder::create(&wanted, &SESSION).unwrap();
         folder.write("session.mcap", "1").unwrap();
         assert!(!wanted.exists());
         folder.finish().unwrap();
         assert!(wanted.join("session.mcap").is_file());
-        drop(SessionFolder::create(&wanted).unwrap());
+        drop(SessionFolder::create(&wanted, &SESSION).unwrap());
         assert_eq!(
             std::fs::read_dir(base.path().join("deep")).unwrap().count(),
             1
@@ -129,11 +144,13 @@ mod tests {
     fn a_session_is_replaced_but_nothing_else() {
         let base = tempfile::tempdir().unwrap();
         std::fs::write(base.path().join("thesis.txt"), "").unwrap();
-        let error = SessionFolder::create(base.path()).unwrap_err().to_string();
+        let error = SessionFolder::create(base.path(), &SESSION)
+            .unwrap_err()
+            .to_string();
         assert!(error.contains("something else"), "{error}");
         let wanted = base.path().join("out");
         for text in ["1", "2"] {
-            let folder = SessionFolder::create(&wanted).unwrap();
+            let folder = SessionFolder::create(&wanted, &SESSION).unwrap();
             folder.write("session.mcap", text).unwrap();
             folder.finish().unwrap();
         }

@@ -6,8 +6,8 @@ mod metrics;
 mod recorder;
 mod sample;
 
-pub use files::{CrackMesh, FinalBone, write_crack, write_final_bone};
-pub use folder::SessionFolder;
+pub use files::{CrackMesh, FinalBone, VtuWriter, write_crack, write_final_bone};
+pub use folder::{Mark, SESSION, SessionFolder};
 pub use mcap_file::{Recording, ScenarioMessage};
 pub use metrics::{LoopFigures, Metrics, Outcome, Pace};
 pub use recorder::Recorder;
