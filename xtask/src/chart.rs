@@ -89,7 +89,7 @@ impl Chart {
             let path: Vec<String> = series
                 .points
                 .iter()
-                .map(|p| at(p))
+                .map(&at)
                 .map(|(x, y)| format!("{x:.1},{y:.1}"))
                 .collect();
             let _ = writeln!(

@@ -34,7 +34,9 @@ fn somewhere(h: f64, seed: u64) -> Vec3 {
 
 fn check(name: &str, errors: &[f64], limit: f64) {
     let (mean, sd) = mean_sd(errors);
-    eprintln!("{name} off by {mean:+.4} +- {sd:.4} (limit {limit})");
+    measured(&format!(
+        "{name} off by {mean:+.4} +- {sd:.4} (limit {limit})"
+    ));
     assert!(
         mean.abs() < limit,
         "{name} off by {mean:+.4} +- {sd:.4}, limit {limit}"

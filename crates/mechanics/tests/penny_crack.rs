@@ -144,7 +144,9 @@ fn check(a_over_h: f64, placements: u64, limits: &Limits) {
         ("kink max", of(&|e| e.kink_max), limits.kink_max),
     ] {
         let (mean, sd) = mean_sd(&values);
-        eprintln!("penny, a/h {a_over_h}: {name} off by {mean:+.4} +- {sd:.4} (limit {limit})");
+        measured(&format!(
+            "penny, a/h {a_over_h}: {name} off by {mean:+.4} +- {sd:.4} (limit {limit})"
+        ));
         assert!(
             mean.abs() < limit,
             "a/h {a_over_h}: {name} off by {mean:+.4} +- {sd:.4}, limit {limit}"
@@ -185,7 +187,7 @@ fn four_elements_a_radius() {
 #[test]
 fn six_elements_a_radius() {
     if !long() {
-        eprintln!("skipped: set OSTEOTOME_LONG=1");
+        measured("skipped: set OSTEOTOME_LONG=1");
         return;
     }
     check(
