@@ -71,7 +71,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         for &target in &targets {
             let mandible = mesher::Body::mandible(&distance, &frame);
             let body = mandible.graded(distance.mesh(), &place, ratio, target)?;
-            let scales = body.grading.focus.as_ref().map_or([1.0; 2], |f| f.scales());
+            let scales = body
+                .grading
+                .focus
+                .as_ref()
+                .map_or([1.0; 2], osteotome_anatomy::Focus::scales);
             let start = Instant::now();
             let meshed = mesher::mesh_to_nodes(&body, target, &mut |_| {})?;
             let seconds = start.elapsed().as_secs_f64();

@@ -58,7 +58,7 @@ fn main() {
     let lost_shell: Vec<_> = patient
         .shell
         .iter()
-        .filter(|p| lost(&p.position, 2.0))
+        .filter(|p| lost(&p.anchor, 2.0))
         .collect();
     let line = || patient.osteotomy.parts.iter().flat_map(|p| &p.points);
     let supports = patient.condyles.map(|c| {

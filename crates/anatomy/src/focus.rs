@@ -1,11 +1,14 @@
 //! A mesh that is finer about a place: a conformal map of the lattice.
 //!
-//! Grading by an octree changes the lattice's cells where two levels meet, and stuffing then no longer bounds angles usefully
-//! (1.7 degrees in Labelle & Shewchuk's paper). A map that is conformal keeps all angles at a point and only changes the scale; in
-//! space these are the Moebius maps alone (Liouville), whose scale grows with the squared distance from a pole. So the pole is
-//! put beside the place, outside the body. Chords of the small tetrahedra are straight where the map bends them, which costs
-//! an angle of about edge over distance to the pole. Against an ideal mesh with the same extremes and spacing 2.1 mm near the
-//! right split of a real mandible, the spacing there is 2 to 8 % coarser at the same node count.
+//! Grading by an octree changes the lattice's cells where two levels meet, and a surface that crosses such cells, as it must in
+//! thin bones, is stuffed with worse angles. A map that is conformal keeps all angles at a point and changes only the scale; in
+//! space these are the Moebius maps alone (Liouville's theorem), whose scale grows with the squared distance from a pole. So the
+//! pole is put beside the place, outside the body. Straight edges of tetrahedra are chords of what the map bends, which costs
+//! angles of the order of edge over distance to the pole.
+//!
+//! Little is lost against a free choice of spacings. By estimate, with 7,000 nodes on a real mandible and ratio 4, the spacing is
+//! 2.1 mm about a sagittal split (3.0 mm in an even mesh); it would be 1.9 mm if it were constant within 5 mm of the split and
+//! grew by half a millimetre a millimetre further out. Measured figures: `examples/mesh_report.rs`.
 use osteotome_mechanics::geometry::{Aabb, Vec3};
 
 /// The map from the lattice's own space to the body's. It keeps the place's middle where it is, with scale 1.

@@ -1,7 +1,8 @@
 //! Tetrahedra from a signed distance: isosurface stuffing (Labelle & Shewchuk 2007, SIGGRAPH) on a body-centred cubic lattice.
 //!
 //! Lattice points that the surface nearly touches are warped onto it, the lattice tetrahedra inside are kept, those across the
-//! surface are cut. All dihedral angles are bounded by construction, whatever the surface.
+//! surface are cut. All dihedral angles are bounded by construction, whatever the surface. A mesh that is finer about a place
+//! comes from a lattice that a conformal map has drawn together there ([`Focus`]).
 use crate::error::AnatomyError;
 use crate::focus::Focus;
 use crate::landmarks::JawFrame;
@@ -578,7 +579,7 @@ const PATIENCE: u32 = 5;
 /// Smallest dihedral angle of a good mesh \[degrees\]; below 8 is refused by those who use it.
 const GOOD_DIHEDRAL: f64 = 9.5;
 /// Lattice positions tried at most.
-const MAX_OFFSETS: i32 = 5;
+const MAX_OFFSETS: i32 = 8;
 /// Iterations of spacing, shift and swelling for each of them.
 const MAX_FITS: u32 = 16;
 /// Swelling in one iteration and at most, and how far it reaches, in spacings.
@@ -1158,6 +1159,56 @@ mod tests {
             range = [range[0].min(low), range[1].max(high)];
         }
         assert!(range[0] > 15.0 && range[1] < 164.8, "{range:?}");
+    }
+
+    #[test]
+    fn angles_are_bounded_in_graded_meshes() {
+        let mut range = [180.0f64, 0.0];
+        let torus = Torus {
+            radius: 10.0,
+            tube: 3.0,
+        };
+        let surface = MeshDistance::new(contour(&torus, 0.8).unwrap());
+        let points = &surface.mesh().vertices;
+        let place: Vec<Vec3> = points.iter().filter(|p| p.x > 9.0).copied().collect();
+        for trial in 0..40 {
+            let ratio = 1.5 + 0.5 * f64::from(trial % 10);
+            let focus = Focus::on(&place, points, ratio).unwrap();
+            let [low, high] = focus.scales();
+            let spacing = (0.8 + 0.02 * f64::from(trial)) / (low * high).sqrt();
+            let how = Stuffing {
+                spacing,
+                shift: 0.0,
+                offset: Vec3::new(0.37, 0.71, 0.13) * f64::from(trial),
+            };
+            let grading = Grading {
+                focus: Some(focus),
+                ..Grading::EVEN
+            };
+            let tets = stuff_graded(&torus, &how, &Swelling::none(), &grading).unwrap();
+            let [low, high] = dihedral_range(&TetMesh::new(tets.nodes, tets.tets).unwrap());
+            range = [range[0].min(low), range[1].max(high)];
+        }
+        assert!(range[0] > 10.0 && range[1] < 164.8, "{range:?}");
+    }
+
+    #[test]
+    fn a_sketched_distance_is_exact_near_and_never_too_large() {
+        let torus = Torus {
+            radius: 30.0,
+            tube: 6.0,
+        };
+        let sketched = Sketched::new(&torus);
+        let (mut quick, mut n) = (0, 0);
+        for i in 0..20_000 {
+            let u = Vec3::new(0.754_877_7, 0.569_840_3, 0.430_159_7) * f64::from(i);
+            let p = (u.map(f64::fract) - Vec3::repeat(0.5)) * 160.0;
+            let (d, s) = (torus.signed(&p), sketched.signed(&p));
+            assert!(d == s || (d.signum() == s.signum() && s.abs() > 10.0 && s.abs() <= d.abs()));
+            quick += usize::from(d != s);
+            n += 1;
+        }
+        assert!(quick > n / 2, "{quick} of {n}");
     }
 
     #[test]

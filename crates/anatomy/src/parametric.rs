@@ -77,6 +77,16 @@ const BODY_LENGTH: f64 = 62.0;
 const ALVEOLAR_HEIGHT: f64 = 15.0;
 /// Radius of the smooth unions \[mm\].
 const BLEND: f64 = 4.0;
+/// The same between neck and condyle and about the chin, where the bone swells gradually \[mm\].
+const NECK_BLEND: f64 = 8.0;
+/// The same about foramina and lingula \[mm\].
+const DETAIL_BLEND: f64 = 1.2;
+/// How much the condyle's inner pole is turned back \[degrees\].
+const CONDYLE_TURN: f64 = 15.0;
+/// Half axes of one half of the mental protuberance \[mm\].
+const CHIN: Vec3 = Vec3::new(8.5, 3.5, 4.5);
+/// Along the row of teeth to between the premolars, over the mental foramen \[mm at scale 1\].
+const PREMOLARS: f64 = 24.5;
 /// Vertices of the arch and of the ramus outline.
 const N_ARCH: usize = 40;
 
@@ -99,6 +109,16 @@ pub struct ParametricMandible {
     slope: f64,
     /// Both sides' crowns, right first, from the midline back.
     teeth: Vec<Crown>,
+    /// Small bumps and hollows of the left side.
+    details: Vec<Detail>,
+}
+
+/// An ellipsoid that is added to the bone or taken from it \[mm at scale 1\].
+#[derive(Clone, Copy, Debug)]
+struct Detail {
+    centre: Vec3,
+    half_axes: Vec3,
+    is_hollow: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -140,10 +160,12 @@ impl ParametricMandible {
             alveolar: Vec::new(),
             slope,
             teeth: Vec::new(),
+            details: Vec::new(),
         };
         mandible.arch = mandible.make_arch();
         mandible.alveolar = mandible.make_alveolar();
         mandible.teeth = mandible.make_teeth();
+        mandible.details = mandible.make_details();
         Ok(mandible)
     }
 
@@ -327,12 +349,12 @@ impl ParametricMandible {
             let (a, b) = (pair[0].at, pair[1].at);
             let (e, d) = ([b[0] - a[0], b[1] - a[1]], [here[0] - a[0], here[1] - a[1]]);
             let s = ((d[0] * e[0] + d[1] * e[1]) / (e[0] * e[0] + e[1] * e[1])).clamp(0.0, 1.0);
-            let distance = (d[0] - s * e[0]).hypot(d[1] - s * e[1]);
+            let distance = (d[0] - s * e[0]).powi(2) + (d[1] - s * e[1]).powi(2);
             if distance < best.0 {
                 best = (distance, i, s);
             }
         }
-        let (across, i, s) = best;
+        let (across, i, s) = (best.0.sqrt(), best.1, best.2);
         let (a, b) = (&arch[i], &arch[i + 1]);
         let mix = |f: fn(&ArchPoint) -> f64| f(a) * (1.0 - s) + f(b) * s;
         let (bottom, top) = (mix(|q| q.bottom), mix(|q| q.top));
@@ -359,17 +381,19 @@ impl ParametricMandible {
     }
 
     fn condyle(&self, x: f64, p: &Vec3) -> f64 {
-        let c = Vec3::new(0.5 * self.parameters.condyle_distance, 0.0, 0.0);
-        let d = Vec3::new(x, p.y, p.z) - c;
-        let (k0, k1) = (
-            d.component_div(&CONDYLE).norm(),
-            d.component_div(&CONDYLE.component_mul(&CONDYLE)).norm(),
-        );
-        if k1 < 1e-12 {
-            -CONDYLE.min()
-        } else {
-            k0 * (k0 - 1.0) / k1
-        }
+        let d = Vec3::new(x - 0.5 * self.parameters.condyle_distance, p.y, p.z);
+        // The inner pole lies further back than the outer one.
+        let (sin, cos) = CONDYLE_TURN.to_radians().sin_cos();
+        let turned = Vec3::new(cos * d.x - sin * d.y, sin * d.x + cos * d.y, d.z);
+        ellipsoid(&turned, &CONDYLE)
+    }
+
+    /// The mental protuberance, with a tubercle on either side of the midline.
+    fn chin(&self, x: f64, p: &Vec3) -> f64 {
+        let arch = &self.arch[0];
+        let front = arch.at[1] - 0.5 * self.parameters.body_breadth;
+        let centre = Vec3::new(4.5, front + 1.5, arch.bottom + 6.0);
+        ellipsoid(&(Vec3::new(x, p.y, p.z) - centre), &CHIN)
     }
 
     fn field(&self, p: &Vec3) -> f64 {
@@ -377,8 +401,68 @@ impl ParametricMandible {
         let body = Self::strip(&self.arch, x, p);
         let alveolar = Self::strip(&self.alveolar, x, p);
         let body = smooth_union(body, alveolar, BLEND);
+        let body = smooth_union(body, self.chin(x, p), NECK_BLEND);
         let bone = smooth_union(body, self.ramus(x, p), BLEND);
-        smooth_union(bone, self.condyle(x, p), BLEND)
+        let bone = smooth_union(bone, self.condyle(x, p), NECK_BLEND);
+        self.details.iter().fold(bone, |bone, detail| {
+            let there = ellipsoid(&(Vec3::new(x, p.y, p.z) - detail.centre), &detail.half_axes);
+            if detail.is_hollow {
+                -smooth_union(-bone, there, DETAIL_BLEND)
+            } else {
+                smooth_union(bone, there, DETAIL_BLEND)
+            }
+        })
+    }
+
+    /// Mental foramen below the premolars, mandibular foramen on the inner side of the ramus, and before that the lingula.
+    fn make_details(&self) -> Vec<Detail> {
+        let premolars = self.on_arch(PREMOLARS);
+        let nearest = self.arch.iter().min_by(|a, b| {
+            let off = |q: &ArchPoint| (q.at[0] - premolars.x).hypot(q.at[1] - premolars.y);
+            off(a).total_cmp(&off(b))
+        });
+        let arch = nearest.copied().unwrap_or(self.arch[0]);
+        let middle = Vec3::new(arch.at[0], arch.at[1], 0.45 * arch.top + 0.55 * arch.bottom);
+        let out = Vec3::new(middle.x, middle.y - self.gonion.y, 0.0).normalize();
+        let lingula = self.lingula();
+        let inner = |below: f64, behind: f64| {
+            let start = lingula + Vec3::new(0.0, behind, -below);
+            self.surface_from(&start, &-Vec3::x())
+        };
+        let foramen = Vec3::repeat(2.0);
+        vec![
+            Detail {
+                centre: self.surface_from(&middle, &out) + out * 0.5,
+                half_axes: foramen,
+                is_hollow: true,
+            },
+            Detail {
+                centre: inner(6.5, 2.0) - Vec3::x() * 0.5,
+                half_axes: Vec3::new(2.0, 2.2, 3.0),
+                is_hollow: true,
+            },
+            Detail {
+                centre: inner(3.5, -1.5),
+                half_axes: Vec3::new(1.3, 2.0, 3.0),
+                is_hollow: false,
+            },
+        ]
+    }
+
+    /// The bone's surface seen from within, along a unit vector \[mm at scale 1\].
+    fn surface_from(&self, start: &Vec3, direction: &Vec3) -> Vec3 {
+        let mut p = *start;
+        for _ in 0..40 {
+            p -= direction * (0.7 * self.field(&p));
+        }
+        p
+    }
+
+    /// In the middle of the ramus' thickness: 53 % of its width from behind, 30 above the lower border; straight up leans forward
+    /// in the ramus frame.
+    fn lingula(&self) -> Vec3 {
+        let (cot, w) = (self.cot(), 0.53 * self.parameters.ramus_width);
+        self.out_of_ramus([w, cot * w + 30.0 * (self.up[1] - cot * self.forward[1])])
     }
 
     /// Landmarks of both sides on `surface`, the mesh of this field's zero set.
@@ -413,9 +497,7 @@ impl ParametricMandible {
                 .max_by(|a, b| (up * a.1.z).total_cmp(&(up * b.1.z)))
                 .map_or(condyle, |(_, p)| *p)
         };
-        // 53 % of the ramus' width from behind, 30 above the lower border; straight up leans forward in the ramus frame.
-        let (cot, w) = (self.cot(), 0.53 * width);
-        let lingula = self.out_of_ramus([w, cot * w + 30.0 * (self.up[1] - cot * self.forward[1])]);
+        let lingula = self.lingula();
         let molar = self.second_molar();
         let inside = world(lingula) - Vec3::x() * (sign * 20.0);
         let below = world(molar + Vec3::new(0.0, 5.0, -60.0));
@@ -605,6 +687,17 @@ fn smoothstep(low: f64, high: f64, x: f64) -> f64 {
 fn rounded(a: f64, b: f64, r: f64) -> f64 {
     let (a, b) = (a + r, b + r);
     a.max(b).min(0.0) + a.max(0.0).hypot(b.max(0.0)) - r
+}
+
+/// Signed distance to an ellipsoid about the origin, near its surface.
+fn ellipsoid(d: &Vec3, half_axes: &Vec3) -> f64 {
+    let k0 = d.component_div(half_axes).norm();
+    let k1 = d.component_div(&half_axes.component_mul(half_axes)).norm();
+    if k1 < 1e-12 {
+        -half_axes.min()
+    } else {
+        k0 * (k0 - 1.0) / k1
+    }
 }
 
 /// Union with a fillet about `k` wide (polynomial smooth minimum).

@@ -58,6 +58,13 @@ pub enum SurfaceSource {
 pub enum MeshSource {
     /// The own mesher, with about so many nodes.
     Nodes(usize),
+    /// The own mesher, finer about the pre-sawn line; see [`Body::graded`].
+    Graded {
+        /// About so many.
+        nodes: usize,
+        /// Coarsest spacing over that about the line: 1 (the same everywhere) to 6.
+        ratio: f64,
+    },
     /// A Gmsh file.
     File(PathBuf),
 }
@@ -143,7 +150,8 @@ impl Patient {
             let note = "the osteotomy line is placed on landmarks, not planned by a surgeon";
             bone.constructed.push(note.to_owned());
         }
-        let mesh = spec.mesh(&bone, &distance, &frame, progress)?;
+        let place = osteotomy.place();
+        let mesh = spec.mesh(&bone, &distance, &frame, &place, progress)?;
         progress("materials", 0.85);
         let crowns = bone.parametric.as_ref().map_or(&[][..], |p| p.teeth());
         let materials = spec.material.assign(&mesh, &distance, &frame, crowns)?;
@@ -305,14 +313,19 @@ impl PatientSpec {
         bone: &Bone,
         distance: &MeshDistance,
         frame: &JawFrame,
+        place: &[Vec3],
         progress: &mut dyn FnMut(&str, f64),
     ) -> Result<TetMesh, AnatomyError> {
         let body = Body::mandible(distance, frame);
         let volume = body.volume;
+        let mut inner = |f: f64| progress("mesh", 0.15 + 0.7 * f);
         match &self.mesh {
             MeshSource::Nodes(target) => {
-                let mut inner = |f: f64| progress("mesh", 0.15 + 0.7 * f);
                 Ok(mesher::mesh_to_nodes(&body, *target, &mut inner)?.mesh)
+            }
+            MeshSource::Graded { nodes, ratio } => {
+                let body = body.graded(distance.mesh(), place, *ratio, *nodes)?;
+                Ok(mesher::mesh_to_nodes(&body, *nodes, &mut inner)?.mesh)
             }
             MeshSource::File(path) => {
                 let mesh = read_msh(path)?.mesh;

@@ -2,9 +2,13 @@
 //!
 //! Invariants: both solve the same equations to round-off, old unknowns keep their place and stiffness, the matrix stays
 //! symmetric positive definite, work equals energy, and the functions span what a topology made at once spans.
+use assert_no_alloc::{AllocDisabler, assert_no_alloc, violation_count};
 use osteotome_mechanics::bone::{Prescribed, Supports, TetMaterial};
-use osteotome_mechanics::crack::{CutEdges, Fragments, STANDARD, System, Topology};
+use osteotome_mechanics::crack::{Cell, CutEdges, Fragments, STANDARD, System, Topology};
 use osteotome_mechanics::geometry::{TetLocator, TetMesh, TriMesh, Vec3, block_mesh};
+
+#[global_allocator]
+static ALLOCATOR: AllocDisabler = AllocDisabler;
 
 const SIZE: [f64; 3] = [10.0, 6.0, 4.0];
 const YOUNG: f64 = 1000.0;
@@ -288,4 +292,68 @@ fn a_loose_fragment_moves_by_force_over_spring() {
         bordered < 1e-7,
         "bordered off by {bordered:e}, full by {full:e}"
     );
+}
+
+/// Half solves and region solves of contact forces on a grown bone against full solves; solving allocates nothing.
+#[test]
+fn partial_solves_agree_with_full_ones() {
+    let mut body = Grown::new();
+    let supports = Supports {
+        fixed: at_x(&body.mesh, 0.0),
+        ground_spring: 1e-7 * YOUNG,
+        ..Default::default()
+    };
+    let mut system = body.full(&supports);
+    for sheet in &script()[..8] {
+        body.grow(sheet);
+        system = body.next(&system, &supports);
+    }
+    assert!(system.factor().n_border() > 60);
+    let cells: Vec<&Cell> = body
+        .topology
+        .cells()
+        .iter()
+        .filter(|c| body.topology.is_divided(c.tet) || c.tet % 97 == 0)
+        .collect();
+    let weights = [0.4, 0.3, 0.2, 0.1];
+    let forces: Vec<Vec3> = (0..cells.len())
+        .map(|i| Vec3::new((i as f64).sin(), (3.0 * i as f64).cos(), 0.5))
+        .collect();
+    let dense = |i: usize| {
+        let mut load = vec![0.0; system.n()];
+        system.add_force(&body.mesh, cells[i], &weights, &forces[i], &mut load);
+        load
+    };
+    let sparse = |i: usize| {
+        let mut column = Vec::new();
+        system.push_force(&body.mesh, cells[i], &weights, &forces[i], &mut column);
+        column
+    };
+    let columns: Vec<_> = (0..cells.len()).map(sparse).collect();
+    let half = system.half_solve(&columns);
+    let some = system.half_solve(&columns[..5]);
+    let compliance = half.compliance(&some);
+    let region = system.region(&body.mesh, cells.iter().copied());
+    assert!(region.n_rows() < system.n() - system.factor().n_border());
+    let mut scratch = system.scratch();
+    for j in 0..5 {
+        let x = solved(&system, &dense(j));
+        let own = dot(&dense(j), &x);
+        for i in 0..cells.len() {
+            let difference = compliance[i + half.n_columns() * j] - dot(&dense(i), &x);
+            assert!(
+                difference.abs() < 1e-12 * own,
+                "{i}, {j}: {difference:e} of {own:e}"
+            );
+        }
+        let mut partial = dense(j);
+        assert_no_alloc(|| system.solve_region(&region, &mut partial, &mut scratch));
+        for cell in &cells {
+            let [u, v] = [&x, &partial].map(|x| system.cell_displacements(&body.mesh, cell, x));
+            let scale = largest(x.iter().copied());
+            assert!((0..4).all(|k| (u[k] - v[k]).norm() < 1e-12 * scale));
+        }
+        assert_no_alloc(|| system.solve(&mut partial, &mut scratch));
+    }
+    assert_eq!(violation_count(), 0, "solves allocate");
 }

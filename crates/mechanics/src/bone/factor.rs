@@ -1,11 +1,12 @@
 use super::block_matrix::BlockMatrix;
 use super::dense::{add_columns, dot, subtract_dots, view, view_mut};
+use super::ordering::nested_dissection;
+use crate::geometry::Vec3;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::perm::PermRef;
-use faer::sparse::linalg::amd;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
@@ -26,12 +27,15 @@ pub enum FactorError {
     OutOfMemory(usize),
 }
 
+/// Supernodes of fewer values are swept column by column: calls of the dense kernels cost more than they save.
+const SMALL: usize = 1200;
+
 /// "No supernode above."
 const ROOT: u32 = u32::MAX;
 
 /// Sparse Cholesky factor K = L L^T of a symmetric positive definite matrix of 3 x 3 blocks.
 ///
-/// The blocks are ordered by approximate minimum degree; faer computes L once. It is kept by supernodes (runs of columns with
+/// The blocks are ordered by nested dissection; faer computes L once. It is kept by supernodes (runs of columns with
 /// one pattern, dense and column-major), so that a triangular solve can be held to those supernodes that a right-hand side
 /// reaches: its path up the elimination tree.
 #[derive(Clone, Debug)]
@@ -93,14 +97,24 @@ impl Path {
 }
 
 impl Factor {
-    /// Orders, analyses and factors.
+    /// Orders, analyses and factors. `positions`: where each block acts, for the ordering.
     ///
     /// # Errors
     /// [`FactorError`] if the matrix is not positive definite or does not fit.
-    pub fn new(matrix: &BlockMatrix) -> Result<Self, FactorError> {
+    pub fn new(matrix: &BlockMatrix, positions: &[Vec3]) -> Result<Self, FactorError> {
         let n = 3 * matrix.n_blocks();
         let memory = |_| FactorError::OutOfMemory(n);
-        let (unknown_at, place) = order(matrix)?;
+        let (starts, rows) = matrix.pattern();
+        let blocks = nested_dissection(starts, rows, positions);
+        let unknown_at: Vec<usize> = blocks
+            .iter()
+            .flat_map(|b| (0..3).map(move |k| 3 * *b as usize + k))
+            .collect();
+        let mut place = vec![0; n];
+        unknown_at
+            .iter()
+            .enumerate()
+            .for_each(|(p, u)| place[*u] = p);
         let (starts, rows, values) = scalar_columns(matrix);
         let pattern = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &rows);
         let params = CholeskySymbolicParams {
@@ -289,25 +303,15 @@ impl Factor {
     pub(super) fn forward(&self, path: &Path, y: &mut [f64], below: &mut [f64]) {
         for &s in &path.supernodes {
             let (columns, pattern) = (self.columns(s as usize), self.pattern(s as usize));
-            let (n, stride) = (columns.len(), columns.len() + pattern.len());
+            let stride = columns.len() + pattern.len();
             let l = self.values(s as usize);
-            let top = &mut y[columns.clone()];
+            let top = &mut y[columns];
             if top.iter().all(|v| *v == 0.0) {
-                continue;
-            }
-            for c in 0..n {
-                let column = &l[c * stride..c * stride + n];
-                top[c] /= column[c];
-                let x = top[c];
-                let rest = top[c + 1..].iter_mut().zip(&column[c + 1..]);
-                rest.for_each(|(t, l)| *t -= l * x);
-            }
-            if pattern.is_empty() {
                 continue;
             }
             let below = &mut below[..pattern.len()];
             below.fill(0.0);
-            add_columns(below, &l[n..], stride, top);
+            eliminate(l, stride, top, below);
             for (row, b) in pattern.iter().zip(&*below) {
                 y[*row as usize] -= b;
             }
@@ -348,15 +352,24 @@ impl Factor {
         for (&s, &offset) in path.supernodes.iter().zip(&path.offset) {
             let (n, pattern) = (self.columns(s as usize).len(), self.pattern(s as usize));
             let (l, stride) = (self.values(s as usize), n + pattern.len());
-            let top = view_mut(panel, n_rows, offset, n, m);
-            solve_lower_triangular_in_place(view(l, stride, 0, n, n), top, Par::Seq);
+            if n * stride < SMALL {
+                let below = &mut below[..pattern.len() * m];
+                below.fill(0.0);
+                for (c, column) in panel.chunks_exact_mut(n_rows).enumerate() {
+                    let below = &mut below[c * pattern.len()..(c + 1) * pattern.len()];
+                    eliminate(l, stride, &mut column[offset..offset + n], below);
+                }
+            } else {
+                let top = view_mut(panel, n_rows, offset, n, m);
+                solve_lower_triangular_in_place(view(l, stride, 0, n, n), top, Par::Seq);
+                let top = view(panel, n_rows, offset, n, m);
+                let product = view_mut(&mut below, pattern.len(), 0, pattern.len(), m);
+                let lower = view(l, stride, n, pattern.len(), n);
+                matmul(product, Accum::Replace, lower, top, 1.0, Par::Seq);
+            }
             if pattern.is_empty() {
                 continue;
             }
-            let top = view(panel, n_rows, offset, n, m);
-            let product = view_mut(&mut below, pattern.len(), 0, pattern.len(), m);
-            let lower = view(l, stride, n, pattern.len(), n);
-            matmul(product, Accum::Replace, lower, top, 1.0, Par::Seq);
             for (column, below) in panel
                 .chunks_exact_mut(n_rows)
                 .zip(below.chunks_exact(pattern.len()))
@@ -370,29 +383,19 @@ impl Factor {
     }
 }
 
-/// Approximate minimum degree on the graph of blocks, spread to unknowns: (unknown at each place, place of each unknown).
-fn order(matrix: &BlockMatrix) -> Result<(Vec<usize>, Vec<usize>), FactorError> {
-    let n = matrix.n_blocks();
-    let (starts, rows) = matrix.pattern();
-    let rows: Vec<usize> = rows.iter().map(|r| *r as usize).collect();
-    let graph = SymbolicSparseColMatRef::new_checked(n, n, starts, None, &rows);
-    let (mut at, mut place) = (vec![0usize; n], vec![0usize; n]);
-    let need = amd::order_maybe_unsorted_scratch::<usize>(n, rows.len());
-    let mut buffer = MemBuffer::try_new(need).map_err(|_| FactorError::OutOfMemory(3 * n))?;
-    amd::order_maybe_unsorted(
-        &mut at,
-        &mut place,
-        graph,
-        Default::default(),
-        MemStack::new(&mut buffer),
-    )
-    .map_err(|_| FactorError::OutOfMemory(3 * n))?;
-    let spread = |v: &[usize]| {
-        v.iter()
-            .flat_map(|b| (0..3).map(move |k| 3 * b + k))
-            .collect()
-    };
-    Ok((spread(&at), spread(&place)))
+/// One supernode's part of a forward sweep: its own rows become x, and what they take from those below is added to `below`.
+fn eliminate(l: &[f64], stride: usize, top: &mut [f64], below: &mut [f64]) {
+    let n = top.len();
+    for c in 0..n {
+        let column = &l[c * stride..c * stride + n];
+        top[c] /= column[c];
+        let x = top[c];
+        let rest = top[c + 1..].iter_mut().zip(&column[c + 1..]);
+        rest.for_each(|(t, l)| *t -= l * x);
+    }
+    if !below.is_empty() {
+        add_columns(below, &l[n..], stride, top);
+    }
 }
 
 fn scalar_columns(matrix: &BlockMatrix) -> (Vec<usize>, Vec<usize>, Vec<f64>) {

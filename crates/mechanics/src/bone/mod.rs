@@ -1,9 +1,11 @@
-//! The elastic bone without its crack: material, element stiffness, supports, and the sparse factor.
+//! The elastic bone without its crack: material, element stiffness, supports, and the sparse factor
+//! with the border that a crack appends to it.
 mod block_matrix;
 mod bordered;
 mod dense;
 mod factor;
 mod material;
+mod ordering;
 mod rigid_motion;
 pub mod stiffness;
 mod supports;

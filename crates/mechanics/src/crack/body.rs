@@ -1,5 +1,5 @@
 use super::cut_edges::CutEdges;
-use super::cut_polygon::cut_area;
+use super::cut_polygon::face_pieces;
 use super::enrichment::Topology;
 use super::fragments::Fragments;
 use super::growth::{GrowthLengths, Surroundings, grow};
@@ -204,15 +204,21 @@ impl CrackedBody {
         f.iter().zip(&x).map(|(f, x)| f * x).sum()
     }
 
-    /// What growing from `before` to this body costs: area \[mm2\] and energy \[N mm\] of the new faces.
+    /// What growing from `before` to this body costs: effective area \[mm2\] and energy \[N mm\] of the new faces.
     ///
-    /// The energy is the area in each tetrahedron that touches an edge of `newly_cut` times its toughness across the cut.
+    /// Effective: each face counts as far as it is free to open (the sum of the enriched nodes' shape functions), as the energy
+    /// that the growth releases does. The energy is that area in each tetrahedron times its toughness across the cut.
     pub fn cost(&self, before: &Self, newly_cut: &[u32]) -> (f64, f64) {
         let mesh = &self.solid.mesh;
-        let mut tets: Vec<u32> = newly_cut
+        let mut nodes: Vec<u32> = newly_cut
             .iter()
             .flat_map(|&e| mesh.tets_of_edge(e))
+            .flat_map(|t| mesh.tets()[t as usize])
             .collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        let around = nodes.iter().flat_map(|&n| mesh.tets_of_node(n as usize));
+        let mut tets: Vec<u32> = around.copied().collect();
         tets.sort_unstable();
         tets.dedup();
         let [now, then] = [self, before].map(|b| {
@@ -222,20 +228,17 @@ impl CrackedBody {
         (now.0 - then.0, now.1 - then.1)
     }
 
-    /// Area of the crack in one tetrahedron, and that area times the toughness across it.
+    /// Effective area of the crack in one tetrahedron, and that area times the toughness across it.
     fn faces_in(&self, t: u32) -> (f64, f64) {
-        let cells = &self.topology.cells()[self.topology.cells_of(t)];
-        if cells.len() < 2 {
-            return (0.0, 0.0);
-        }
         let material = &self.solid.materials[t as usize];
-        cells.iter().fold((0.0, 0.0), |(area, energy), cell| {
-            let vector = cut_area(&self.solid.mesh, &self.cuts, cell).1;
-            let (length, normal) = (vector.norm(), vector.try_normalize(1e-12));
-            let toughness = normal.map_or(0.0, |n| material.toughness(&n));
-            // Each face is seen from both sides.
-            (area + 0.5 * length, energy + 0.5 * length * toughness)
-        })
+        let (mut area, mut energy) = (0.0, 0.0);
+        face_pieces(&self.solid.mesh, &self.cuts, &self.topology, t, |f| {
+            let free = f.freedom * f.area_normal.norm();
+            let normal = f.area_normal.try_normalize(1e-12);
+            area += free;
+            energy += free * normal.map_or(0.0, |n| material.toughness(&n));
+        });
+        (area, energy)
     }
 
     /// G and K at every vertex of every front under `loads`, whose solution is `x`.

@@ -94,8 +94,8 @@ pub const LEAST_CLEAR: f64 = 0.5;
 const PLATEAU: [f64; 2] = [1.0, 2.0];
 /// Half width of the hat along the front, in element sizes: a wider one smooths, a narrower one scatters by 20 % and more.
 const HAT: f64 = 2.0;
-/// Closer behind the front than this, in element sizes, a load on a face meets the mean of the auxiliary field over that stretch:
-/// single points would sample the field's singularity by chance.
+/// A load on a face meets the mean of the auxiliary field over this stretch, in element sizes: single points would sample the
+/// field's singularity by chance.
 const LOAD_CORE: f64 = 0.5;
 /// Faces closer to the front than this, in element sizes, are taken to lie in its plane: there the field is singular and coarse.
 const FACES_FROM: f64 = 0.75;
@@ -625,9 +625,11 @@ impl<'a> Domain<'a> {
                 _ if up < 0.0 => Side::Below,
                 _ => Side::Above,
             };
-            if cell.mask != 0b1111 && place.x > -LOAD_CORE * self.h && place.x < 0.0 {
-                place.x = -0.25 * LOAD_CORE * self.h;
-                place.y = 0.0;
+            if cell.mask != 0b1111 && place.x < 0.0 {
+                if place.x > -LOAD_CORE * self.h {
+                    place.y = 0.0;
+                }
+                place.x = smeared(place.x, 0.5 * LOAD_CORE * self.h);
             }
             for (mode, aux) in auxiliary(&place, &frame, side, &lame_at(place.s))
                 .iter()
@@ -666,6 +668,14 @@ fn parts_of_a_triangle() -> impl Iterator<Item = [f64; 3]> {
             upright.into_iter().chain(inverted)
         })
     })
+}
+
+/// Where behind the front 1 / sqrt(-x) has the value of its mean over `half` to either side, mirrored at the front so that no
+/// share of a pressure up to the front is lost.
+fn smeared(x: f64, half: f64) -> f64 {
+    let (far, near) = (half - x, -half - x);
+    let mean = (far.sqrt() - near.abs().sqrt().copysign(near)) / half;
+    -1.0 / (mean * mean)
 }
 
 fn mean_of(corners: &[Vec3; 4], mask: u8) -> Vec3 {

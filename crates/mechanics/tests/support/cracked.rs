@@ -292,6 +292,22 @@ impl<'a> Cracked<'a> {
         forces.iter().map(place).collect()
     }
 
+    /// Force pairs along z, 1 N in all on each face, at `n` places round a ring of radius `b` about `centre`.
+    pub fn ring(&self, centre: Vec3, b: f64, n: u32) -> Vec<CellForce> {
+        let (mesh, locator) = (&self.specimen.mesh, &self.specimen.locator);
+        let pair = |k: u32| {
+            let (sin, cos) = (2.0 * PI * f64::from(k) / f64::from(n)).sin_cos();
+            let p = centre + Vec3::new(b * cos, b * sin, 0.0);
+            let (tet, weights) = locator.find(mesh, &p).unwrap();
+            [Vec3::z(), -Vec3::z()].map(|up| CellForce {
+                cell: self.topology.cell_towards(mesh, tet, &p, &up),
+                weights,
+                force: up / f64::from(n),
+            })
+        };
+        (0..n).flat_map(pair).collect()
+    }
+
     /// The crack's faces inside the body as mechanics knows them.
     pub fn faces(&self) -> Vec<FacePiece> {
         let mut pieces = Vec::new();

@@ -77,6 +77,10 @@ fn patient_spec(s: &Scenario) -> PatientSpec {
         },
         mesh: match &s.mesh.file {
             Some(path) => MeshSource::File(path.clone()),
+            None if s.mesh.grading > 1.0 => MeshSource::Graded {
+                nodes: s.mesh.nodes,
+                ratio: s.mesh.grading,
+            },
             None => MeshSource::Nodes(s.mesh.nodes),
         },
         material: MaterialSpec {

@@ -16,6 +16,9 @@ pub struct Loaded {
     pub state: BoneState,
 }
 
+/// A load whose strain energy has changed by a smaller share does not move a crack that rested under it.
+const SAME_LOAD: f64 = 0.01;
+
 /// The propagation loop's part.
 pub struct Propagation {
     bone: Arc<Bone>,
@@ -24,6 +27,8 @@ pub struct Propagation {
     state: Subscribed<Loaded>,
     grown: Published<Arc<Bone>>,
     seen: u64,
+    /// Strain energy \[N mm\] at which the bone as it is was last found to rest.
+    rested: Option<f64>,
     /// Why the crack cannot go on, if a grown bone could not be computed.
     stuck: Option<String>,
 }
@@ -41,6 +46,7 @@ impl Propagation {
             state,
             grown,
             seen: 0,
+            rested: None,
             stuck: None,
         }
     }
@@ -90,8 +96,15 @@ impl PropagationPart for Propagation {
         if !is_new || !is_ours || !loaded.state.converged || self.stuck.is_some() {
             return Propagated::Idle;
         }
+        let energy = loaded.state.strain_energy;
+        let is_same = |rested: f64| (energy - rested).abs() < SAME_LOAD * rested;
+        if self.rested.is_some_and(is_same) {
+            return Propagated::Checked;
+        }
+        self.rested = Some(energy);
         match propagation_step(&self.bone, &loaded.state, &self.settings) {
             Ok((Some(next), report)) => {
+                self.rested = None;
                 self.bone = Arc::new(next);
                 self.grown.write(Arc::clone(&self.bone));
                 Propagated::Grown(Box::new(self.sample(&report)))

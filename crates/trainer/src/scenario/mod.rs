@@ -112,6 +112,8 @@ impl Default for Parametric {
 pub struct Mesh {
     /// Nodes aimed at.
     pub nodes: usize,
+    /// How much finer the mesh is about the osteotomy line than where it is coarsest; 1: the same everywhere.
+    pub grading: f64,
     /// A tetrahedral mesh to use instead.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
@@ -123,6 +125,7 @@ impl Default for Mesh {
     fn default() -> Self {
         Self {
             nodes: 5000,
+            grading: 1.0,
             file: None,
             shell_points: 100_000,
         }

@@ -149,6 +149,7 @@ fn validate(s: &Scenario, place: &impl Fn(&str) -> String) -> Result<()> {
     at.material("material.trabecular", &s.material.trabecular)?;
     at.positive("material.cortical_thickness", s.material.cortical_thickness)?;
     at.count("mesh.nodes", s.mesh.nodes, 100, 200_000)?;
+    at.range("mesh.grading", s.mesh.grading, 1.0, 6.0)?;
     at.count("mesh.shell_points", s.mesh.shell_points, 1000, 1_000_000)?;
     at.existing("mesh.file", s.mesh.file.as_deref())?;
     at.positive("supports.soft_tissue", s.supports.soft_tissue)?;
