@@ -58,12 +58,11 @@ impl Section {
         s += "| quantity | ours | expected | error |\n|---|---|---|---|\n";
         for (name, ours, expected) in &self.rows {
             let (e, error) = expected.map_or(("-".to_owned(), "-".to_owned()), |e| {
-                (
-                    format!("{e:.4}"),
-                    format!("{:+.1} %", 100.0 * (ours / e - 1.0)),
-                )
+                // Adding zero turns -0 into 0.
+                let percent = (1000.0 * (ours / e - 1.0)).round() / 10.0 + 0.0;
+                (digits(e), format!("{percent:+.1} %"))
             });
-            let _ = writeln!(s, "| {name} | {ours:.4} | {e} | {error} |");
+            let _ = writeln!(s, "| {name} | {} | {e} | {error} |", digits(*ours));
         }
         let _ = writeln!(s, "\n![{}](validation/{}.svg)\n", self.title, self.case);
         if !self.remark.is_empty() {

@@ -8,6 +8,7 @@
 //! Measured, error in % as mean +- sd over placements: ellipse G +5.3 +- 1.9, K_I +2.7 +- .5 (by station +14 at the sharp ends,
 //! radius of curvature 1.7 h, +3 to +8 along the sides); cap G +8.7 +- 2.1, K_I +8.2 +- .6, K_II -9.4 +- .9. Limit for the
 //! front's mean of G: 10.
+#![allow(clippy::print_stderr)] // figures for docs/validation.md, seen with --nocapture
 mod support;
 use nalgebra::Matrix3;
 use osteotome_mechanics::geometry::{TriMesh, Vec3};

@@ -136,7 +136,7 @@ fn stretches<'a>(moving: &[(&'a Front, Vec<Vec3>)]) -> Vec<(&'a Front, Vec<Vec3>
         for stretch in moves.chunk_by(|a, b| (*a == Vec3::zeros()) == (*b == Vec3::zeros())) {
             let places = start..start + stretch.len();
             start = places.end;
-            let farthest = stretch.iter().map(|m| m.norm()).fold(0.0, f64::max);
+            let farthest = stretch.iter().map(Vec3::norm).fold(0.0, f64::max);
             if farthest > 0.0 {
                 let mut alone = vec![Vec3::zeros(); moves.len()];
                 alone[places].copy_from_slice(stretch);
@@ -157,7 +157,7 @@ fn advance_affordably(
 ) -> Result<Option<CrackedBody>, BodyError> {
     /// Parts of a stretch that are tried, by their least advance relative to the largest.
     const PARTS: [f64; 3] = [0.0, 0.5, 0.8];
-    let farthest = moves.iter().map(|m| m.norm()).fold(0.0, f64::max);
+    let farthest = moves.iter().map(Vec3::norm).fold(0.0, f64::max);
     for least in PARTS {
         let hardest = |m: &Vec3| {
             if m.norm() < least * farthest {
