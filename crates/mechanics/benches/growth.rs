@@ -78,65 +78,122 @@ fn repeated(n: usize, mut f: impl FnMut()) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-fn bench(cells: [usize; 3]) {
-    let Split {
-        mesh,
-        kerfs,
-        strips,
-    } = split(cells);
-    let locator = TetLocator::new(&mesh);
-    let materials = vec![TetMaterial::isotropic(13_000.0, 0.3, 1.0); mesh.tets().len()];
-    let centre = |x: f64| Vec3::new(x, 0.5 * cells[1] as f64, 0.5 * cells[2] as f64);
-    let ends = [centre(0.0)];
-    let supports = Supports::near(&mesh, &ends, 0.5 * cells[1] as f64, 1e-7, 13_000.0);
-    let mut cuts = CutEdges::new(&mesh);
-    for kerf in &kerfs {
-        cuts.cut(&mesh, &locator, kerf, 4);
-    }
-    let mut topology = Topology::new(&mesh, &cuts);
-    let mut system = System::new(&mesh, &materials, &topology, &supports).unwrap();
-    println!(
-        "\n{} nodes, {} tets, {} unknowns at the start, {} steps",
-        mesh.nodes().len(),
-        mesh.tets().len(),
-        system.n(),
-        strips.len()
-    );
-    let repeats = if mesh.nodes().len() > 10_000 {
-        2
-    } else {
-        REPEATS
-    };
-    let full_every = (strips.len() / if mesh.nodes().len() > 10_000 { 3 } else { 100 }).max(1);
-    let [mut cut_ms, mut topology_ms, mut system_ms] = [const { Vec::new() }; 3];
-    let [mut full_topology_ms, mut full_ms, mut full_solve_ms] = [const { Vec::new() }; 3];
-    for (k, strip) in strips.iter().enumerate() {
-        let (ms, new) = timed(|| cuts.cut(&mesh, &locator, strip, 4));
-        cut_ms.push(ms);
-        let (ms, next) = least(REPEATS, || topology.grown(&mesh, &cuts, &new));
-        topology_ms.push(ms);
-        topology = next;
-        let (ms, next) = least(REPEATS, || {
-            system.grown(&mesh, &materials, &topology, &supports)
-        });
-        system_ms.push(ms);
-        system = next.unwrap();
-        if k % full_every == 0 || k + 1 == strips.len() {
-            full_topology_ms.push(least(REPEATS, || Topology::new(&mesh, &cuts)).0);
-            let (ms, full) = least(repeats, || {
-                System::new(&mesh, &materials, &topology, &supports)
-            });
-            full_ms.push(ms);
-            let full = full.unwrap();
-            let (mut x, mut scratch) = (vec![1.0; full.n()], full.scratch());
-            full_solve_ms.push(repeated(5, || full.solve(&mut x, &mut scratch)));
+/// The split of one body, as far as it has come.
+struct Run {
+    split: Split,
+    locator: TetLocator,
+    materials: Vec<TetMaterial>,
+    supports: Supports,
+    cuts: CutEdges,
+    topology: Topology,
+    system: System,
+}
+
+/// Milliseconds of each step.
+#[derive(Default)]
+struct Times {
+    cut: Vec<f64>,
+    topology: Vec<f64>,
+    system: Vec<f64>,
+    full_topology: Vec<f64>,
+    full_system: Vec<f64>,
+    full_solve: Vec<f64>,
+}
+
+impl Run {
+    /// The body with its kerfs, held at one end.
+    fn new(cells: [usize; 3]) -> Self {
+        const YOUNG: f64 = 13_000.0;
+        let split = split(cells);
+        let mesh = &split.mesh;
+        let [_, b, h] = cells.map(|n| n as f64);
+        let end = Vec3::new(0.0, 0.5 * b, 0.5 * h);
+        let locator = TetLocator::new(mesh);
+        let materials = vec![TetMaterial::isotropic(YOUNG, 0.3, 1.0); mesh.tets().len()];
+        let supports = Supports::near(mesh, &[end], 0.5 * b, 1e-7, YOUNG);
+        let mut cuts = CutEdges::new(mesh);
+        for kerf in &split.kerfs {
+            cuts.cut(mesh, &locator, kerf, 4);
+        }
+        let topology = Topology::new(mesh, &cuts);
+        let system = System::new(mesh, &materials, &topology, &supports).unwrap();
+        Self {
+            split,
+            locator,
+            materials,
+            supports,
+            cuts,
+            topology,
+            system,
         }
     }
-    let (find_ms, fragments) = timed(|| Fragments::find(&mesh, &cuts));
-    let worst = system_ms.iter().copied().fold(0.0, f64::max);
-    let sum: f64 = system_ms.iter().sum();
-    let (grown, full) = (median(system_ms), median(full_ms));
-    let factor = system.factor();
+
+    /// Grows by strip `k`.
+    fn grow(&mut self, k: usize, times: &mut Times) {
+        let mesh = &self.split.mesh;
+        let strip = &self.split.strips[k];
+        let (ms, new) = timed(|| self.cuts.cut(mesh, &self.locator, strip, 4));
+        times.cut.push(ms);
+        let (ms, next) = least(REPEATS, || self.topology.grown(mesh, &self.cuts, &new));
+        times.topology.push(ms);
+        self.topology = next;
+        let (ms, next) = least(REPEATS, || {
+            let (system, materials) = (&self.system, &self.materials);
+            system.grown(mesh, materials, &self.topology, &self.supports)
+        });
+        times.system.push(ms);
+        self.system = next.unwrap();
+    }
+
+    /// What the same takes anew.
+    fn compare(&self, times: &mut Times) {
+        let mesh = &self.split.mesh;
+        let repeats = if self.is_large() { 2 } else { REPEATS };
+        let topology = || Topology::new(mesh, &self.cuts);
+        times.full_topology.push(least(REPEATS, topology).0);
+        let (ms, full) = least(repeats, || {
+            System::new(mesh, &self.materials, &self.topology, &self.supports)
+        });
+        times.full_system.push(ms);
+        let full = full.unwrap();
+        let (mut x, mut scratch) = (vec![1.0; full.n()], full.scratch());
+        let solve = || full.solve(&mut x, &mut scratch);
+        times.full_solve.push(repeated(5, solve));
+    }
+
+    fn is_large(&self) -> bool {
+        self.split.mesh.nodes().len() > 10_000
+    }
+}
+
+fn bench(cells: [usize; 3]) {
+    let mut run = Run::new(cells);
+    let mut times = Times::default();
+    let n_steps = run.split.strips.len();
+    let mesh = &run.split.mesh;
+    println!(
+        "\n{} nodes, {} tets, {} unknowns at the start, {n_steps} steps",
+        mesh.nodes().len(),
+        mesh.tets().len(),
+        run.system.n(),
+    );
+    let compare_every = if run.is_large() { n_steps / 3 } else { 1 };
+    for k in 0..n_steps {
+        run.grow(k, &mut times);
+        if k % compare_every == 0 || k + 1 == n_steps {
+            run.compare(&mut times);
+        }
+    }
+    report(&run, times);
+}
+
+fn report(run: &Run, times: Times) {
+    let mesh = &run.split.mesh;
+    let (find_ms, fragments) = timed(|| Fragments::find(mesh, &run.cuts));
+    let worst = times.system.iter().copied().fold(0.0, f64::max);
+    let sum: f64 = times.system.iter().sum();
+    let (grown, full) = (median(times.system), median(times.full_system));
+    let factor = run.system.factor();
     println!(
         "  {} fragments; border of {} unknowns; values kept {:?}",
         fragments.count(),
@@ -147,16 +204,16 @@ fn bench(cells: [usize; 3]) {
         "  linearisation + factorisation, ms: full {full:.3}, bordered {grown:.3} (worst {worst:.3}, whole split {sum:.1}); ratio {:.1}",
         full / grown
     );
-    let (t_grown, t_full) = (median(topology_ms), median(full_topology_ms));
+    let (t_grown, t_full) = (median(times.topology), median(times.full_topology));
     println!(
         "  topology, ms: full {t_full:.3}, grown {t_grown:.3}; with it, ratio {:.1}",
         (full + t_full) / (grown + t_grown)
     );
     println!(
         "  cutting {:.3} ms, finding fragments {find_ms:.3} ms",
-        median(cut_ms)
+        median(times.cut)
     );
-    solves(&mesh, &topology, &system, median(full_solve_ms));
+    solves(mesh, &run.topology, &run.system, median(times.full_solve));
 }
 
 /// Solves at the end of the split: all of it, the region of contacts and crack, and half solves of contact forces.

@@ -18,7 +18,6 @@ pub struct Bordered {
     base: Arc<Factor>,
     batches: Vec<Arc<Batch>>,
     n_border: usize,
-    longest: usize,
 }
 
 /// Some consecutive columns of the border.
@@ -82,12 +81,10 @@ const MOST_COLUMNS: usize = 96;
 impl Bordered {
     /// A factor without border.
     pub fn new(base: Factor) -> Self {
-        let longest = base.longest_pattern();
         Self {
             base: Arc::new(base),
             batches: Vec::new(),
             n_border: 0,
-            longest,
         }
     }
 
@@ -148,7 +145,6 @@ impl Bordered {
             Spec::default(),
         )
         .map_err(|_| FactorError::NotPositiveDefinite)?;
-        self.longest = self.longest.max(path.n_rows());
         self.batches.push(Arc::new(Batch {
             path,
             w,
@@ -196,8 +192,8 @@ impl Bordered {
     pub fn scratch(&self) -> SolveScratch {
         SolveScratch {
             y: vec![0.0; self.base.n()],
-            below: vec![0.0; self.longest],
-            packed: vec![0.0; self.longest],
+            below: vec![0.0; self.base.longest_pattern()],
+            packed: vec![0.0; self.base.n()],
             whole: self.base.whole(),
         }
     }
@@ -206,38 +202,59 @@ impl Bordered {
     ///
     /// `x`: n values a right-hand side.
     pub fn solve(&self, x: &mut [f64], scratch: &mut SolveScratch) {
-        let whole = std::mem::take(&mut scratch.whole);
-        for x in x.chunks_exact_mut(self.n()) {
-            self.solve_on(&whole, x, scratch);
+        for x in x.chunks_exact_mut(self.n().max(1)) {
+            self.solve_one(x, scratch);
         }
-        scratch.whole = whole;
     }
 
-    /// The region of the given unknowns; the border and all that it couples with are always part of it.
+    /// The region of the given unknowns; the border is always part of it.
     pub fn region(&self, unknowns: impl IntoIterator<Item = u32>) -> Region {
         let in_base = |i: &u32| (*i as usize) < self.base.n();
-        let path = self.base.path(unknowns.into_iter().filter(in_base));
-        let batches = self.batches.iter().map(|b| &b.path.supernodes);
         Region {
-            path: self.base.joined(batches.chain([&path.supernodes])),
+            path: self.base.path(unknowns.into_iter().filter(in_base)),
         }
     }
 
     /// As [`solve`](Self::solve) for one right-hand side that is zero outside the region; of the result only what lies in
     /// the region is computed, the rest of `x` keeps what it held. Allocates nothing.
     pub fn solve_region(&self, region: &Region, x: &mut [f64], scratch: &mut SolveScratch) {
-        self.solve_on(&region.path, x, scratch);
-    }
-
-    fn solve_on(&self, path: &Path, x: &mut [f64], scratch: &mut SolveScratch) {
         let (u, a) = x.split_at_mut(self.base.n());
         let SolveScratch {
             y, below, packed, ..
         } = scratch;
-        assert!(
-            below.len() >= self.longest,
-            "the scratch was made for an earlier generation"
-        );
+        let path = &region.path;
+        let packed = &mut packed[..path.n_rows()];
+        self.base.place_all(path, u, y);
+        self.base.forward(path, y, below);
+        // Off the path the right-hand side is zero and the result is not wanted: W's rows there are passed over.
+        self.base.gather(path, y, packed);
+        for b in &self.batches {
+            let own = &mut a[b.before..b.before + b.m];
+            for (i, j, n) in path.common(&b.path) {
+                subtract_dots(own, &b.w[j..], b.path.n_rows(), &packed[i..i + n]);
+            }
+        }
+        self.solve_border(a);
+        packed.fill(0.0);
+        for b in &self.batches {
+            let own = &a[b.before..b.before + b.m];
+            for (i, j, n) in path.common(&b.path) {
+                add_columns(&mut packed[i..i + n], &b.w[j..], b.path.n_rows(), own);
+            }
+        }
+        self.base.scatter_subtract(path, packed, y);
+        self.base.backward(path, y, below);
+        self.base.take_all(path, y, u);
+    }
+
+    fn solve_one(&self, x: &mut [f64], scratch: &mut SolveScratch) {
+        let (u, a) = x.split_at_mut(self.base.n());
+        let SolveScratch {
+            y,
+            below,
+            packed,
+            whole: path,
+        } = scratch;
         self.base.place_all(path, u, y);
         self.base.forward(path, y, below);
         for b in &self.batches {

@@ -217,17 +217,6 @@ impl Factor {
         self.path_of((0..self.parent.len() as u32).collect())
     }
 
-    /// The union of paths given by their supernodes.
-    pub(super) fn joined<'a>(&self, paths: impl Iterator<Item = &'a Vec<u32>>) -> Path {
-        let mut seen = vec![false; self.parent.len()];
-        paths.flatten().for_each(|s| seen[*s as usize] = true);
-        self.path_of(
-            (0..self.parent.len() as u32)
-                .filter(|s| seen[*s as usize])
-                .collect(),
-        )
-    }
-
     /// Packs the rows of `path` out of places of L.
     pub(super) fn gather(&self, path: &Path, y: &[f64], packed: &mut [f64]) {
         for (&s, &offset) in path.supernodes.iter().zip(&path.offset) {

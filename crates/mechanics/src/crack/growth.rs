@@ -182,6 +182,15 @@ impl Surroundings<'_> {
         self.locator.find(self.mesh, p).is_some()
     }
 
+    /// How far the body's face lies ahead of a point inside, if within `reach` \[mm\].
+    fn way_out(&self, p: &Vec3, direction: &Vec3, reach: f64) -> Option<f64> {
+        const STEPS: u32 = 12;
+        let at = |k: u32| reach * f64::from(k) / f64::from(STEPS);
+        (1..=STEPS)
+            .map(at)
+            .find(|d| !self.is_inside(&(p + direction * *d)))
+    }
+
     /// How far cuts run ahead of a front vertex: the lead, but never through more than half of what is left of the bone, and
     /// only just beyond another sheet.
     pub fn lead(&self, crack: &CrackSurface, sheet: usize, p: &Vec3, direction: &Vec3) -> f64 {
@@ -553,6 +562,21 @@ fn smooth(line: &mut [(Vec3, Vec3)], passes: usize) {
     }
 }
 
+/// Leads a line that ended on another sheet on to the body's face if that is near: in the corner between the two no pin-hole
+/// may stay.
+fn leave_corner(line: &mut Vec<(Vec3, Vec3)>, around: &Surroundings) {
+    let h = around.lengths.h;
+    let (end, direction) = line[line.len() - 1];
+    let before = line[line.len().saturating_sub(3)].0;
+    let onward = (end - before).try_normalize(1e-9);
+    let Some(onward) = onward.filter(|_| around.is_inside(&end)) else {
+        return;
+    };
+    if let Some(length) = around.way_out(&end, &onward, 0.6 * h) {
+        line.push((end + onward * (length + 0.4 * h), direction));
+    }
+}
+
 /// Brings the last end of a line to the body's face or just beyond another sheet.
 ///
 /// The line is cut where it first crosses another sheet or has been outside the body for some length. If it ends inside, it is
@@ -577,6 +601,7 @@ fn finish_end(
                 a + (b - a) * (s + lengths.overshoot() / length.max(1e-9)).min(1.0_f64.max(s));
             line[k].0 = end;
             line.truncate(k + 1);
+            leave_corner(line, around);
             return;
         }
         outside += if last_inside.is_some_and(|i| k > i) {
@@ -594,16 +619,18 @@ fn finish_end(
     let Some(onward) = (end - before).try_normalize(1e-9) else {
         return;
     };
-    let reach = 1.2 * lengths.h;
-    if !around.is_inside(&end) || crack.touches_other(sheet, &end, lengths.overshoot()) {
+    if crack.touches_other(sheet, &end, lengths.overshoot()) {
+        leave_corner(line, around);
         return;
     }
+    if !around.is_inside(&end) {
+        return;
+    }
+    let reach = 1.2 * lengths.h;
     let met = crack
         .first_crossing_of_other(sheet, &end, &(end + onward * reach))
         .map(|s| s * reach);
-    let left = (1..=12)
-        .map(|k| reach * f64::from(k) / 12.0)
-        .find(|d| !around.is_inside(&(end + onward * *d)));
+    let left = around.way_out(&end, &onward, reach);
     let length = match (met, left) {
         (Some(m), Some(l)) if m < l => m + lengths.overshoot(),
         (_, Some(l)) => l + 0.4 * lengths.h,

@@ -274,8 +274,8 @@ impl System {
         self.factor.solve(x, scratch);
     }
 
-    /// The region of the unknowns that move some cells: where forces will act, and where displacements will be read. The
-    /// crack since the base was factored is always part of it.
+    /// The region of the unknowns that move some cells: where forces will act, and where displacements will be read. All
+    /// enrichments since the base was factored are part of it.
     pub fn region<'a>(&self, mesh: &TetMesh, cells: impl IntoIterator<Item = &'a Cell>) -> Region {
         let mut unknowns = Vec::new();
         for cell in cells {

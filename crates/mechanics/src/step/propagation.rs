@@ -178,17 +178,20 @@ fn advance_affordably(
 /// The grown body, if the elastic energy that the growth releases pays for its faces (Griffith's balance over a finite step).
 ///
 /// The integrals that drive the fronts are good to some per cent on a smooth front far from others, but not where chisels
-/// press beside it or fronts close in on each other; the balance of the whole body is the guard against both.
+/// press beside it or fronts close in on each other; the balance of the whole body is the guard against both. A growth that
+/// cuts nothing is none.
 fn pay(
     before: &CrackedBody,
     growth: Growth,
     loads: &[CellForce],
 ) -> Result<Option<CrackedBody>, BodyError> {
     let newly_cut = growth.newly_cut.clone();
+    if newly_cut.is_empty() {
+        return Ok(None);
+    }
     let after = before.grown(growth)?;
     let (_, cost) = after.cost(before, &newly_cut);
-    let is_paid = newly_cut.is_empty() || released(before, &after, loads) >= cost;
-    Ok(is_paid.then_some(after))
+    Ok((released(before, &after, loads) >= cost).then_some(after))
 }
 
 /// Elastic energy \[N mm\] that growth releases while what loads the body is held: U (1 - C / C') for its compliances C and
