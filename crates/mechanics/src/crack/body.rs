@@ -124,12 +124,12 @@ pub struct CrackedBody {
     pub system: Arc<System>,
     /// The pieces.
     pub fragments: Fragments,
-    /// Numbers of the pieces that no support holds; springs of [`LOOSE_SPRING`] keep their equations regular.
+    /// Numbers of the pieces that no support holds; soft springs to the ground keep their equations regular.
     pub loose: Vec<u32>,
 }
 
 /// Spring to the ground at the nodes of a piece that nothing holds, relative to E h.
-pub const LOOSE_SPRING: f64 = 1e-7;
+const LOOSE_SPRING: f64 = 1e-7;
 
 /// A front with the stations at its vertices.
 #[derive(Clone, Debug, PartialEq)]
