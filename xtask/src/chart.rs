@@ -84,12 +84,18 @@ impl Chart {
             0.5 * h,
             self.axes[1]
         );
+        // Lines over a floor run high, others anywhere.
+        let room = 14.0 * (self.series.len() as f64 + 1.0);
+        let legend = match self.floor {
+            Some(_) => h - MARGIN[1] - room,
+            None => MARGIN[1],
+        };
         for (k, series) in self.series.iter().enumerate() {
             let colour = COLOURS[k % COLOURS.len()];
             let path: Vec<String> = series
                 .points
                 .iter()
-                .map(&at)
+                .map(at)
                 .map(|(x, y)| format!("{x:.1},{y:.1}"))
                 .collect();
             let _ = writeln!(
@@ -98,7 +104,7 @@ impl Chart {
                  <text x=\"{:.1}\" y=\"{:.1}\" fill=\"{colour}\" text-anchor=\"end\">{}</text>",
                 path.join(" "),
                 w - 40.0,
-                MARGIN[1] + 14.0 * (k as f64 + 1.0),
+                legend + 14.0 * (k as f64 + 1.0),
                 series.name
             );
         }

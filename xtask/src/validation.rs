@@ -58,12 +58,11 @@ impl Section {
         s += "| quantity | ours | expected | error |\n|---|---|---|---|\n";
         for (name, ours, expected) in &self.rows {
             let (e, error) = expected.map_or(("-".to_owned(), "-".to_owned()), |e| {
-                (
-                    format!("{e:.4}"),
-                    format!("{:+.1} %", 100.0 * (ours / e - 1.0)),
-                )
+                // Adding zero turns -0 into 0.
+                let percent = (1000.0 * (ours / e - 1.0)).round() / 10.0 + 0.0;
+                (digits(e), format!("{percent:+.1} %"))
             });
-            let _ = writeln!(s, "| {name} | {ours:.4} | {e} | {error} |");
+            let _ = writeln!(s, "| {name} | {} | {e} | {error} |", digits(*ours));
         }
         let _ = writeln!(s, "\n![{}](validation/{}.svg)\n", self.title, self.case);
         if !self.remark.is_empty() {
@@ -71,6 +70,12 @@ impl Section {
         }
         s
     }
+}
+
+/// Four significant digits.
+fn digits(v: f64) -> String {
+    let n = (3.0 - v.abs().max(1e-12).log10().floor()).clamp(0.0, 9.0) as usize;
+    format!("{v:.n$}")
 }
 
 fn cargo() -> Command {
@@ -208,7 +213,7 @@ fn penny(root: &Path) -> Result<Section> {
             ),
         ],
         chart: along_front(&result, angle, "angle round the front [deg]", g0),
-        remark: "The block's half width is four radii only, which by itself raises G by about a per cent.",
+        remark: "The closed form is for an infinite body; the block's half width is four radii.",
         result,
     })
 }
@@ -314,7 +319,7 @@ fn skew_notch(root: &Path) -> Result<Section> {
             floor: None,
             is_equal: true,
         },
-        remark: "h is about a quarter of the beam's width here; the finer mesh of the test `skew_notch_growth` turns farther.",
+        remark: "",
         result,
     })
 }
@@ -410,10 +415,21 @@ fn measured(line: &str) -> Option<[String; 3]> {
     let (error, limit) = rest.split_once(" (limit ")?;
     let (mean, sd) = error.split_once(" +- ")?;
     let limit = limit.trim_end_matches(')');
-    let percent = |text: &str| text.trim().parse::<f64>().ok().map(|v| 100.0 * v);
+    // Kinks are printed in degrees, positions in element sizes, all else as shares of the closed form.
+    let (scale, unit) = match what {
+        w if w.contains("kink") => (1.0, "deg"),
+        w if w.ends_with("/ h") => (1.0, "h"),
+        _ => (100.0, "%"),
+    };
+    let scaled = |text: &str| text.trim().parse::<f64>().ok().map(|v| scale * v);
+    let places = if unit == "h" { 3 } else { 1 };
     Some([
         what.trim().to_owned(),
-        format!("{:+.1} +- {:.1} %", percent(mean)?, percent(sd)?),
-        format!("{:.0} %", percent(limit)?),
+        format!(
+            "{:+.places$} +- {:.places$} {unit}",
+            scaled(mean)?,
+            scaled(sd)?
+        ),
+        format!("{} {unit}", scaled(limit)?),
     ])
 }

@@ -8,6 +8,7 @@
 //! Measured, error in % as mean +- sd over 6 placements (`OSTEOTOME_LONG=1`; else one): ellipse G +5.1 +- 1.4, K_I +3.2 +- .5 (by
 //! station +14 at the sharp ends, radius of curvature 1.7 h, +3 to +8 along the sides); cap G +8.0 +- 1.4, K_I +7.9 +- .5, K_II
 //! -10.1 +- .8. Limit for the front's mean of G: 10; a single placement of the cap may reach 12.
+#![allow(clippy::print_stderr)] // figures for docs/validation.md, seen with --nocapture
 mod support;
 use nalgebra::Matrix3;
 use osteotome_mechanics::geometry::{TriMesh, Vec3};

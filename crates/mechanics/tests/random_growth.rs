@@ -5,6 +5,7 @@
 //! no panic, no value that is not finite, no triangle that is flat or folds onto its neighbour, no edge used twice in a sense, area
 //! never shrinks, the work of a held load never falls while all pieces hang together (1e-9), and pieces count as severed exactly
 //! if nothing but soft tissue holds them. No front left: severed. 40 histories; 500 with `OSTEOTOME_LONG=1`.
+#![allow(clippy::print_stderr)] // figures for docs/validation.md, seen with --nocapture
 mod support;
 use osteotome_mechanics::crack::Fragments;
 use osteotome_mechanics::crack::growth::{GrowthLengths, Surroundings, grow};

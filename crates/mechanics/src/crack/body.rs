@@ -129,7 +129,7 @@ pub struct CrackedBody {
 }
 
 /// Spring to the ground at the nodes of a piece that nothing holds, relative to E h.
-pub const LOOSE_SPRING: f64 = 1e-7;
+const LOOSE_SPRING: f64 = 1e-7;
 
 /// A front with the stations at its vertices.
 #[derive(Clone, Debug, PartialEq)]

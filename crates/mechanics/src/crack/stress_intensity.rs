@@ -9,6 +9,7 @@
 //! - Centre: the effective front, where the crack's area counted as far as it is free to open ends.
 //! - Auxiliary fields: Williams' in the frame of the nearest point of the front, with the terms of its in-plane curvature
 //!   (Gosz & Moran 1998): stresses as at a straight front, strains by Hooke's law, displacements turned with the frame.
+//! - The body's boundary inside the domain: what the auxiliary field pulls there, and supports' reactions on it.
 //! - Loads inside the domain: - int t . (grad u q), and its twin for the auxiliary field. A load's own strain, of the order
 //!   F / (E h2) in the element that carries it, enters J squared and would drown G; it enters the interaction only in
 //!   proportion and cancels. So where a chisel presses within the domain, G comes from K.
@@ -24,9 +25,10 @@ use super::cut_polygon::cut_polygon;
 use super::enrichment::Topology;
 use super::front::{FrontLine, LocalFrame, NearNode, Place};
 use super::surface::{CrackSurface, Front, Sheet};
+use super::surface_load::face_pieces;
 use super::system::System;
 use crate::bone::{Lame, TetMaterial, stiffness};
-use crate::geometry::{TetLocator, TetMesh, Vec3};
+use crate::geometry::{NO_TET, TET_FACES, TetLocator, TetMesh, Vec3};
 use nalgebra::Matrix3;
 
 /// A force \[N\] on the bone at a point of a cell.
@@ -527,7 +529,78 @@ impl<'a> Domain<'a> {
             }
         }
         self.add_load_interaction(&lame_at, &mut c);
+        self.add_boundary_interaction(&lame_at, &mut c);
         c
+    }
+
+    /// Where q reaches the body's boundary the auxiliary field pulls at it: - int (grad u^T sigma_aux n - w n) . q, and where a
+    /// support holds it, its reaction works on the auxiliary field. Without these, faces across the front turn K_I into K_III of
+    /// either sign (18 % of K_I at the ends of an edge crack in plane strain).
+    fn add_boundary_interaction(&self, lame_at: &impl Fn(f64) -> Lame, c: &mut [[Vec3; 3]]) {
+        let fields = self.fields;
+        let mesh = fields.mesh;
+        for (i, first) in self.states.iter().enumerate() {
+            if i > 0 && self.states[i - 1].tet == first.tet {
+                continue;
+            }
+            let t = first.tet as usize;
+            for k in (0..4).filter(|&k| mesh.neighbours()[t][k] == NO_TET) {
+                let outward = -mesh.gradients()[t][k].normalize();
+                let held = TET_FACES[k].map(|n| fields.system.held_axes(mesh.tets()[t][n]));
+                let axes = [0, 1, 2].map(|a| held.iter().all(|h| h[a]));
+                let pieces = face_pieces(mesh, fields.cuts, fields.topology, first.tet, k);
+                for (cell, piece) in pieces {
+                    let state =
+                        &self.states[i + cell as usize - fields.topology.cells_of(first.tet).start];
+                    let traction = state.stress * outward;
+                    let reaction = Vec3::from_fn(|a, _| if axes[a] { traction[a] } else { 0.0 });
+                    self.add_face(state, &outward, &reaction, &piece, lame_at, c);
+                }
+            }
+        }
+    }
+
+    /// One piece of a boundary face.
+    fn add_face(
+        &self,
+        state: &CellState,
+        outward: &Vec3,
+        reaction: &Vec3,
+        piece: &[[f64; 4]; 3],
+        lame_at: &impl Fn(f64) -> Lame,
+        c: &mut [[Vec3; 3]],
+    ) {
+        let Some((_, _, side)) = state.at else {
+            return;
+        };
+        let x = self.fields.mesh.corners(state.tet as usize);
+        let at = |n: &[f64; 4]| (0..4).map(|i| x[i] * n[i]).sum::<Vec3>();
+        let [a, b, d] = [0, 1, 2].map(|i| at(&piece[i]));
+        let area = 0.5 * (b - a).cross(&(d - a)).norm();
+        for [u, v, w] in parts_of_a_triangle() {
+            let weights: [f64; 4] =
+                std::array::from_fn(|i| u * piece[0][i] + v * piece[1][i] + w * piece[2][i]);
+            let Some((place, frame)) = self.line.place(&at(&weights), PLATEAU[1] * self.h) else {
+                continue;
+            };
+            if place.r < BOUNDARY_FROM * self.h {
+                continue;
+            }
+            let share = area / (PARTS * PARTS) as f64;
+            for (mode, aux) in auxiliary(&place, &frame, side, &lame_at(place.s))
+                .iter()
+                .enumerate()
+            {
+                let pull = state.grad_u.transpose() * (aux.stress * outward);
+                let density = state.stress.dot(&aux.strain);
+                let sum = pull + aux.grad_u.transpose() * reaction - outward * density;
+                for (p, n) in state.places.iter().zip(weights) {
+                    if let Some(p) = p {
+                        c[*p as usize][mode] -= sum * (n * share);
+                    }
+                }
+            }
+        }
     }
 
     fn add_load_interaction(&self, lame_at: &impl Fn(f64) -> Lame, c: &mut [[Vec3; 3]]) {
@@ -571,6 +644,30 @@ impl<'a> Domain<'a> {
             }
         }
     }
+}
+
+/// Parts of an edge that boundary faces are cut into for integration: the auxiliary field is singular.
+const PARTS: usize = 3;
+/// Closer to the front than this, in element sizes, boundary faces are left out.
+const BOUNDARY_FROM: f64 = 0.02;
+
+/// Centres of the parts of a triangle, as shares of its corners.
+fn parts_of_a_triangle() -> impl Iterator<Item = [f64; 3]> {
+    let third = 1.0 / (3 * PARTS) as f64;
+    (0..PARTS).flat_map(move |i| {
+        (0..PARTS - i).flat_map(move |j| {
+            let centre = |i: usize, j: usize, shift: usize| {
+                let (u, v) = (
+                    (3 * i + shift) as f64 * third,
+                    (3 * j + shift) as f64 * third,
+                );
+                [u, v, 1.0 - u - v]
+            };
+            let upright = Some(centre(i, j, 1));
+            let inverted = (i + j + 1 < PARTS).then(|| centre(i, j, 2));
+            upright.into_iter().chain(inverted)
+        })
+    })
 }
 
 /// Where behind the front 1 / sqrt(-x) has the value of its mean over `half` to either side, mirrored at the front so that no

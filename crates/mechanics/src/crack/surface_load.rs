@@ -1,7 +1,7 @@
 use super::body::CrackedBody;
+use super::cut_edges::CutEdges;
 use super::enrichment::Topology;
 use super::stress_intensity::CellForce;
-use crate::bone::stiffness;
 use crate::geometry::{NO_TET, TET_EDGES, TET_FACES, TetMesh, Vec3};
 
 /// A load on a part of the body's boundary.
@@ -73,113 +73,78 @@ impl CrackedBody {
             .collect()
     }
 
-    /// What supports do to the boundary faces they hold: traction times area in the held directions, for the solution `x`.
-    ///
-    /// An interaction integral whose domain reaches a held face needs them: at a plane of symmetry the auxiliary field of
-    /// K_III moves against the reaction. Faces count whose three nodes are all held in a direction.
-    pub fn support_forces(&self, x: &[f64]) -> Vec<CellForce> {
-        let solid = &self.solid;
-        let mesh = &solid.mesh;
-        let held = |n: u32| {
-            let fixed = solid.supports.is_fixed(n);
-            solid
-                .supports
-                .prescribed_at(n)
-                .map(|p| fixed || p.is_some())
-        };
-        let mut forces = Vec::new();
-        for (face, &(t, k)) in mesh.boundary_faces().iter().zip(&face_holders(mesh)) {
-            let nodes = face.map(held);
-            let axes = [0, 1, 2].map(|a| nodes.iter().all(|n| n[a]));
-            if axes == [false; 3] {
-                continue;
-            }
-            let outward = -mesh.gradients()[t as usize][k].normalize();
-            for (cell, triangle) in self.face_pieces(t, k) {
-                let own = &self.topology.cells()[cell as usize];
-                let u = self.system.cell_displacements(mesh, own, x);
-                let grad_u = stiffness::displacement_gradient(&mesh.gradients()[t as usize], &u);
-                let lame = solid.materials[t as usize].lame();
-                let traction = stiffness::stress(&lame, &grad_u) * outward;
-                let traction = Vec3::from_fn(|a, _| if axes[a] { traction[a] } else { 0.0 });
-                let mut points = Vec::new();
-                push_points(mesh, t, cell, &triangle, &mut points);
-                forces.extend(points.iter().map(|p| CellForce {
-                    cell,
-                    weights: p.weights,
-                    force: traction * p.area,
-                }));
-            }
-        }
-        forces
-    }
-
     fn face_points(&self, faces: &[u32]) -> Vec<FacePoint> {
         let mesh = &self.solid.mesh;
         let holders = face_holders(mesh);
         let mut points = Vec::with_capacity(3 * faces.len());
         for &f in faces {
             let (t, k) = holders[f as usize];
-            for (cell, triangle) in self.face_pieces(t, k) {
+            for (cell, triangle) in face_pieces(mesh, &self.cuts, &self.topology, t, k) {
                 push_points(mesh, t, cell, &triangle, &mut points);
             }
         }
         points
     }
 
-    /// Triangles of a face in shape functions of its tetrahedron, each with the cell it belongs to.
-    fn face_pieces(&self, t: u32, k: usize) -> Vec<(u32, [[f64; 4]; 3])> {
-        let nodes = TET_FACES[k];
-        let corner = |n: usize| std::array::from_fn(|i| if i == n { 1.0 } else { 0.0 });
-        let cells = nodes.map(|n| cell_of_node(&self.topology, t, n));
-        let [a, b, c] = nodes;
-        if cells[0] == cells[1] && cells[1] == cells[2] {
-            return vec![(cells[0], [corner(a), corner(b), corner(c)])];
-        }
-        let cut = |i: usize, j: usize| self.crossing_in(t, i, j);
-        if let Some(lone) = (0..3).find(|&i| cells[(i + 1) % 3] == cells[(i + 2) % 3]) {
-            let [a, b, c] = [0, 1, 2].map(|i| nodes[(lone + i) % 3]);
-            let other = cells[(lone + 1) % 3];
-            let (ab, ac) = (cut(a, b), cut(a, c));
-            return vec![
-                (cells[lone], [corner(a), ab, ac]),
-                (other, [ab, corner(b), corner(c)]),
-                (other, [ab, corner(c), ac]),
-            ];
-        }
-        let (ab, bc, ca) = (cut(a, b), cut(b, c), cut(c, a));
-        let middle = std::array::from_fn(|i| (ab[i] + bc[i] + ca[i]) / 3.0);
-        vec![
-            (cells[0], [corner(a), ab, middle]),
-            (cells[0], [corner(a), middle, ca]),
-            (cells[1], [corner(b), bc, middle]),
-            (cells[1], [corner(b), middle, ab]),
-            (cells[2], [corner(c), ca, middle]),
-            (cells[2], [corner(c), middle, bc]),
-        ]
-    }
-
     /// Shape functions where the crack crosses the edge between local nodes `a` and `b` of tetrahedron `t`; the middle if it
     /// does not.
     pub fn crossing_in(&self, t: u32, a: usize, b: usize) -> [f64; 4] {
-        let mesh = &self.solid.mesh;
-        let l = TET_EDGES
-            .iter()
-            .position(|e| *e == [a.min(b), a.max(b)])
-            .unwrap_or(0);
-        let from_low = self.cuts.crossing(mesh.tet_edges()[t as usize][l]);
-        let from_low = if from_low.is_nan() { 0.5 } else { from_low };
-        let tet = &mesh.tets()[t as usize];
-        let s = if tet[a] < tet[b] {
-            from_low
-        } else {
-            1.0 - from_low
-        };
-        let mut n = [0.0; 4];
-        n[a] = 1.0 - s;
-        n[b] = s;
-        n
+        crossing_in(&self.solid.mesh, &self.cuts, t, [a, b])
     }
+}
+
+/// Triangles of the face opposite local node `k` of tetrahedron `t`, in its shape functions, each with the cell it belongs to.
+pub(super) fn face_pieces(
+    mesh: &TetMesh,
+    cuts: &CutEdges,
+    topology: &Topology,
+    t: u32,
+    k: usize,
+) -> Vec<(u32, [[f64; 4]; 3])> {
+    let nodes = TET_FACES[k];
+    let corner = |n: usize| std::array::from_fn(|i| if i == n { 1.0 } else { 0.0 });
+    let cells = nodes.map(|n| cell_of_node(topology, t, n));
+    let [a, b, c] = nodes;
+    if cells[0] == cells[1] && cells[1] == cells[2] {
+        return vec![(cells[0], [corner(a), corner(b), corner(c)])];
+    }
+    let cut = |i: usize, j: usize| crossing_in(mesh, cuts, t, [i, j]);
+    if let Some(lone) = (0..3).find(|&i| cells[(i + 1) % 3] == cells[(i + 2) % 3]) {
+        let [a, b, c] = [0, 1, 2].map(|i| nodes[(lone + i) % 3]);
+        let other = cells[(lone + 1) % 3];
+        let (ab, ac) = (cut(a, b), cut(a, c));
+        return vec![
+            (cells[lone], [corner(a), ab, ac]),
+            (other, [ab, corner(b), corner(c)]),
+            (other, [ab, corner(c), ac]),
+        ];
+    }
+    let (ab, bc, ca) = (cut(a, b), cut(b, c), cut(c, a));
+    let middle = std::array::from_fn(|i| (ab[i] + bc[i] + ca[i]) / 3.0);
+    vec![
+        (cells[0], [corner(a), ab, middle]),
+        (cells[0], [corner(a), middle, ca]),
+        (cells[1], [corner(b), bc, middle]),
+        (cells[1], [corner(b), middle, ab]),
+        (cells[2], [corner(c), ca, middle]),
+        (cells[2], [corner(c), middle, bc]),
+    ]
+}
+
+fn crossing_in(mesh: &TetMesh, cuts: &CutEdges, t: u32, [a, b]: [usize; 2]) -> [f64; 4] {
+    let edge = TET_EDGES.iter().position(|e| *e == [a.min(b), a.max(b)]);
+    let from_low = cuts.crossing(mesh.tet_edges()[t as usize][edge.unwrap_or(0)]);
+    let from_low = if from_low.is_nan() { 0.5 } else { from_low };
+    let tet = &mesh.tets()[t as usize];
+    let s = if tet[a] < tet[b] {
+        from_low
+    } else {
+        1.0 - from_low
+    };
+    let mut n = [0.0; 4];
+    n[a] = 1.0 - s;
+    n[b] = s;
+    n
 }
 
 /// The cell of tetrahedron `t` that holds its local node `n`.

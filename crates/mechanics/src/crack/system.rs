@@ -344,6 +344,12 @@ impl System {
         }
     }
 
+    /// In which directions the support holds node `i`.
+    pub fn held_axes(&self, i: u32) -> [bool; 3] {
+        let block = self.base.block_of_node[i as usize];
+        [0, 1, 2].map(|k| block == FIXED || self.is_held(3 * block + k))
+    }
+
     /// Displacement of node `i` \[mm\]; of [`multiply`](Self::multiply)'s result, the force that holds it there \[N\].
     pub fn displacement(&self, i: usize, x: &[f64]) -> Vec3 {
         read(self.base.block_of_node[i], x)

@@ -107,9 +107,7 @@ impl Study {
             return (state, Verdict::Stops(Some(reason.to_owned())));
         }
         let lengths = &self.body.solid.lengths;
-        let mut acting = loads;
-        acting.extend(self.body.support_forces(&x));
-        let fronts = self.body.evaluate_fronts(&x, &acting, 0.0);
+        let fronts = self.body.evaluate_fronts(&x, &loads, 0.0);
         let drives = FrontDrives::new(&fronts, lengths);
         let resists = self.body.system.energy(&x) > NOTHING * self.first_energy;
         let mut state = State {
