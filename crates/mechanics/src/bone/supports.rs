@@ -24,6 +24,9 @@ pub struct Supports {
     pub ground_spring: f64,
     /// Further springs to the ground: node and stiffness \[N/mm\] (a hand that steadies the body).
     pub springs: Vec<(u32, f64)>,
+    /// Spring on every node \[N/mm\] towards where it was at the end of the last step: the drag of soft tissue over the length
+    /// of a step. It slows what would leap, a fragment just broken off above all, and is gone where nothing moves.
+    pub drag: f64,
 }
 
 impl Supports {

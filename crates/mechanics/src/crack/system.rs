@@ -41,6 +41,8 @@ struct Base {
     matrix: BlockMatrix,
     /// Ground spring of each node over the volume around it \[N/mm4\].
     ground: Vec<f64>,
+    /// The part of it that drags \[N/mm4\].
+    drag: Vec<f64>,
     /// Unknowns that supports move, ascending, and how far \[mm\].
     moved: Vec<(u32, f64)>,
 }
@@ -64,7 +66,7 @@ impl System {
         supports: &Supports,
     ) -> Result<Self, FactorError> {
         let numbering = Numbering::new(mesh, topology, supports);
-        let ground = ground_springs(mesh, supports);
+        let [ground, drag] = ground_springs(mesh, supports);
         let matrix = assemble(mesh, materials, topology, &numbering, &ground);
         let (held, moved) = held_unknowns(topology, supports, &numbering);
         let positions = numbering.positions(mesh, topology);
@@ -82,6 +84,7 @@ impl System {
                 block_of_node: numbering.of_node,
                 matrix,
                 ground,
+                drag,
                 moved,
             }),
             border: Vec::new(),
@@ -316,6 +319,26 @@ impl System {
         }
     }
 
+    /// Adds the pull of [`Supports::drag`] towards the displacements `before` to a right-hand side. `before` may be shorter than
+    /// the unknowns: new enrichments had not moved.
+    pub fn add_drag(&self, mesh: &TetMesh, topology: &Topology, before: &[f64], rhs: &mut [f64]) {
+        if self.base.drag.iter().all(|d| *d == 0.0) {
+            return;
+        }
+        let mut x = before.to_vec();
+        x.resize(self.n(), 0.0);
+        for cell in topology.cells() {
+            let t = cell.tet as usize;
+            let u = self.cell_displacements(mesh, cell, &x);
+            for (a, n) in mesh.tets()[t].into_iter().enumerate() {
+                let stiffness = self.base.drag[n as usize] * mesh.volumes()[t] * cell.fraction;
+                let mut at = [0.0; 4];
+                at[a] = 1.0;
+                self.add_force(mesh, cell, &at, &(u[a] * stiffness), rhs);
+            }
+        }
+    }
+
     /// The forward half of a solve for sparse right-hand sides B: [`HalfSolved::compliance`] of two of them is B^T K^-1 C.
     pub fn half_solve(&self, columns: &[Vec<(u32, f64)>]) -> HalfSolved {
         self.factor.half_solve(columns)
@@ -540,16 +563,21 @@ impl<'a> Element<'a> {
     }
 }
 
-fn ground_springs(mesh: &TetMesh, supports: &Supports) -> Vec<f64> {
+/// Springs to the ground over the volume around each node, and the part of them that drags.
+fn ground_springs(mesh: &TetMesh, supports: &Supports) -> [Vec<f64>; 2] {
     let mut around = vec![0.0; mesh.nodes().len()];
     for (tet, v) in mesh.tets().iter().zip(mesh.volumes()) {
         tet.iter().for_each(|&n| around[n as usize] += v);
     }
-    let mut spring = vec![supports.ground_spring; mesh.nodes().len()];
+    let mut spring = vec![supports.ground_spring + supports.drag; mesh.nodes().len()];
     for &(n, k) in &supports.springs {
         spring[n as usize] += k;
     }
-    spring.iter().zip(&around).map(|(k, v)| k / v).collect()
+    let drag = around.iter().map(|v| supports.drag / v).collect();
+    [
+        spring.iter().zip(&around).map(|(k, v)| k / v).collect(),
+        drag,
+    ]
 }
 
 fn assemble(

@@ -85,6 +85,8 @@ pub struct MainState {
     acceleration: Acceleration,
     yielding: Yielding,
     trial: Vec<f64>,
+    /// The soft tissue's pull towards where the bone was at the start of the step.
+    drag: Vec<f64>,
 }
 
 impl MainState {
@@ -100,6 +102,7 @@ impl MainState {
             acceleration: Acceleration::default(),
             yielding: Yielding::default(),
             trial: Vec::new(),
+            drag: Vec::new(),
             bone: state,
         }
     }
@@ -111,6 +114,7 @@ impl MainState {
         self.acceleration.forget();
         let mut next = new.at_rest();
         next.loads = new.carry_loads(old, &self.bone.loads);
+        (new.system).add_drag(&new.body.mesh, &new.topology, &self.bone.x, &mut next.x);
         new.add_loads(&next.loads, &mut next.x);
         new.system.solve(&mut next.x, &mut self.solve);
         new.limit_change(old, &self.bone, &mut next);
@@ -140,6 +144,10 @@ pub fn main_step(
 ) -> MainReport {
     let mut tools = input.tools;
     state.acceleration.new_step();
+    state.drag.clear();
+    state.drag.resize(bone.system.n(), 0.0);
+    let (mesh, topology) = (&bone.body.mesh, &bone.topology);
+    (bone.system).add_drag(mesh, topology, &state.bone.x, &mut state.drag);
     let mut iterations = 0;
     loop {
         iterations += 1;
@@ -154,7 +162,7 @@ pub fn main_step(
             .max(settings.relative_tolerance * scale);
         let converged = residual <= tolerance;
         let last = converged || iterations >= settings.max_iterations;
-        if last {
+        if converged {
             state.bone.x.copy_from_slice(&trial);
         } else {
             state.acceleration.next(&mut state.bone.x, &trial);
@@ -166,7 +174,7 @@ pub fn main_step(
         if last {
             let n_closed = loads.len() - loads.partition_point(|l| l.1 == Source::Tool);
             state.bone.loads = loads.into_iter().map(|l| l.0).collect();
-            state.bone.strain_energy = bone.system.energy(&state.bone.x);
+            state.bone.strain_energy = strain_energy(bone, &state.bone.x);
             state.bone.converged = converged;
             state.tools.commit(&mut state.anchors);
             return MainReport {
@@ -242,7 +250,7 @@ fn solve_bone(
     }
     let mut x = std::mem::take(&mut state.trial);
     x.clear();
-    x.resize(bone.system.n(), 0.0);
+    x.extend_from_slice(&state.drag);
     bone.add_loads(loads.iter().map(|l| &l.0), &mut x);
     bone.system.solve(&mut x, &mut state.solve);
     state.yielding.apply(&mut x, &state.bone.x);
@@ -277,6 +285,14 @@ fn patches(
             .stiffness,
     };
     [patch(0, points), patch(1, second)]
+}
+
+/// Elastic energy without what the soft tissue's drag would hold \[N mm\].
+fn strain_energy(bone: &Bone, x: &[f64]) -> f64 {
+    let mut pull = vec![0.0; x.len()];
+    (bone.system).add_drag(&bone.body.mesh, &bone.topology, x, &mut pull);
+    let drag: f64 = pull.iter().zip(x).map(|(f, x)| 0.5 * f * x).sum();
+    bone.system.energy(x) - drag
 }
 
 /// Largest change of an unknown, and the largest unknown \[mm\].

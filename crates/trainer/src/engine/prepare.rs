@@ -32,6 +32,9 @@ const CONDYLE_RADIUS: f64 = 6.0;
 /// The capsule of a jaw joint in translation \[N/mm\]; assumed. About the condyle's centre it is 9 mm2 times as stiff, so that
 /// a loose ramus turns by hand.
 const CAPSULE: f64 = 500.0;
+/// Drag of the soft tissue around the whole jaw \[N s/mm\]; assumed. A fragment of a sixth of it that leaps a millimetre within
+/// a main step of 20 ms is held back by some 50 N.
+const SOFT_TISSUE_DRAG: f64 = 6.0;
 /// The hand that steadies the chin holds the nodes this near to its middle \[mm\].
 const CHIN_RADIUS: f64 = 15.0;
 /// The element size that counts for growth is that within this distance of the line \[mm\].
@@ -168,6 +171,7 @@ fn body(s: &Scenario, patient: &Patient) -> Body {
     }
     let chin = patient.frame.path[patient.frame.path.len() / 2];
     supports.steady(&mesh, &chin, CHIN_RADIUS, s.supports.chin);
+    supports.drag = SOFT_TISSUE_DRAG * s.loops.main_hz / mesh.nodes().len() as f64;
     let ends = patient.condyles.map(|c| held(&[c]).fixed);
     let h = element_size(&mesh, &patient.osteotomy);
     let area: f64 = patient.shell.iter().map(|p| p.area).sum();

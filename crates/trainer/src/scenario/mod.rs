@@ -487,10 +487,10 @@ impl Default for Surgeon {
         Self {
             stations: [0.2, 0.8],
             approach_distance: 10.0,
-            approach_speed: 20.0,
-            drive_speed: 10.0,
+            approach_speed: 8.0,
+            drive_speed: 4.0,
             insert_depth: 0.9,
-            twist_rate_deg: 50.0,
+            twist_rate_deg: 15.0,
             twist_max_deg: 45.0,
             behind_front: 2.0,
             wedge: 15.0,
