@@ -86,10 +86,10 @@ fn check(criterion: Criterion, first: f64) {
         let kinks = kinks(criterion, seed);
         let later = &kinks[1..];
         let rms = (later.iter().map(|k| k * k).sum::<f64>() / later.len() as f64).sqrt();
-        eprintln!(
+        measured(&format!(
             "{criterion:?}, placement {seed}: first kink {:.1}, later {rms:.1} rms",
             kinks[0]
-        );
+        ));
         assert!(
             (kinks[0] - first).abs() < 3.0,
             "first kink {} degrees instead of {first}",

@@ -13,7 +13,7 @@
 //!
 //! | a/h | G | K_I | K_II | K_III | K_I by pressure | kink rms | kink max | (a_eff - a) / h |
 //! |---|---|---|---|---|---|---|---|---|
-//! | 3 | +.5 +- 1.7 | +1.1 +- 1.4 | -4.5 +- 2.8 | -5.3 +- 2.1 | -.6 +- 1.5 | 1.4 | 2.9 | -.03 +- .04 |
+//! | 3 | +.5 +- 1.7 | +1.6 +- .9 | -3.7 +- 1.8 | -5.1 +- 1.9 | -.8 +- 1.2 | 1.3 | 2.6 | -.03 +- .04 |
 //! | 4 | +1.5 +- .8 | +2.0 +- .6 | -.4 +- 1.0 | -1.2 +- 1.7 | +.5 +- .6 | 1.0 | 3.0 | .00 +- .04 |
 //! | 6 | -.2 +- 1.2 | +.6 +- .8 | -.5 +- .8 | -1.1 +- .6 | .0 +- 1.1 | 1.0 | 3.1 | -.03 +- .04 |
 //!
@@ -145,7 +145,9 @@ fn check(a_over_h: f64, placements: u64, limits: &Limits) {
         ("kink max", of(&|e| e.kink_max), limits.kink_max),
     ] {
         let (mean, sd) = mean_sd(&values);
-        eprintln!("penny, a/h {a_over_h}: {name} off by {mean:+.4} +- {sd:.4} (limit {limit})");
+        measured(&format!(
+            "penny, a/h {a_over_h}: {name} off by {mean:+.4} +- {sd:.4} (limit {limit})"
+        ));
         assert!(
             mean.abs() < limit,
             "a/h {a_over_h}: {name} off by {mean:+.4} +- {sd:.4}, limit {limit}"
@@ -155,7 +157,7 @@ fn check(a_over_h: f64, placements: u64, limits: &Limits) {
 
 #[test]
 fn three_elements_a_radius() {
-    let placements = if long() { 8 } else { 3 };
+    let placements = if long() { 8 } else { 2 };
     check(
         3.0,
         placements,
@@ -186,7 +188,7 @@ fn four_elements_a_radius() {
 #[test]
 fn six_elements_a_radius() {
     if !long() {
-        eprintln!("skipped: set OSTEOTOME_LONG=1");
+        measured("skipped: set OSTEOTOME_LONG=1");
         return;
     }
     check(

@@ -206,7 +206,9 @@ fn any_history_leaves_a_sound_crack() {
     let histories = if long() { 500 } else { 40 };
     let fragments: Vec<usize> = (0..histories).map(run).collect();
     let severed = fragments.iter().filter(|f| **f >= 2).count();
-    eprintln!("{severed} of {histories} histories severed the block");
+    measured(&format!(
+        "{severed} of {histories} histories severed the block"
+    ));
     assert!(
         severed as u64 * 4 > histories,
         "only {severed} of {histories} histories severed the block"

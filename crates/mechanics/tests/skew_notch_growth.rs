@@ -79,7 +79,7 @@ fn the_front_turns_into_the_plane_of_mode_one() {
             angles.push(angle(&inside.map(|s| s.position).collect::<Vec<_>>()));
             body = next;
         }
-        eprintln!("skew notch, placement {seed}: {angles:.1?}");
+        measured(&format!("skew notch, placement {seed}: {angles:.1?}"));
         assert!((angles[0] - 45.0).abs() < 1.0);
         assert!(
             angles[10].abs() < 8.0 && angles.iter().all(|a| *a > -10.0),

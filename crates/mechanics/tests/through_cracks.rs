@@ -91,7 +91,9 @@ fn error(
 
 fn check(name: &str, errors: &[f64], limit: f64) {
     let (mean, sd) = mean_sd(errors);
-    eprintln!("{name}: G off by {mean:+.4} +- {sd:.4} (limit {limit})");
+    measured(&format!(
+        "{name}: G off by {mean:+.4} +- {sd:.4} (limit {limit})"
+    ));
     assert!(
         mean.abs() < limit,
         "{name}: G off by {mean:+.4} +- {sd:.4}, limit {limit}"
@@ -189,7 +191,7 @@ fn double_cantilever_beam() {
     check("DCB against dU/dA", &errors, 0.06);
     check("DCB against beam theory", &beam, 0.12);
     let (mean, sd) = mean_sd(&compliances);
-    eprintln!("DCB: compliance {mean:.4} +- {sd:.4} mm/N");
+    measured(&format!("DCB: compliance {mean:.4} +- {sd:.4} mm/N"));
     assert!(
         sd < 0.03 * mean,
         "the compliance scatters by {} over placements",

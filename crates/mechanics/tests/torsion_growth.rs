@@ -76,7 +76,7 @@ fn the_crack_curves_and_stays_antisymmetric() {
         front = grown[0].stations.iter().map(|s| s.position).collect();
         body = next;
     }
-    eprintln!("torsion: torque {torques:.0?} N m");
+    measured(&format!("torsion: torque {torques:.0?} N m"));
     assert!(
         torques[..7].windows(2).all(|w| w[1] < w[0]) && torques[7] < 1.05 * torques[6],
         "torques {torques:?} N m"
@@ -90,9 +90,9 @@ fn the_crack_curves_and_stays_antisymmetric() {
     }
     let skew = (sum / n).sqrt() / specimen.h;
     let slope = (height(&front, 30.0).unwrap() - height(&front, -30.0).unwrap()) / 60.0;
-    eprintln!(
+    measured(&format!(
         "torsion: off antisymmetry by {skew:.2} h rms, front {slope:.2} times as steep as its notch"
-    );
+    ));
     assert!(skew < 0.6, "off antisymmetry by {skew} h");
     assert!(slope > 1.5, "the surface is not curved: slope {slope}");
 }

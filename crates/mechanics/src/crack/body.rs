@@ -124,7 +124,7 @@ pub struct CrackedBody {
     pub system: Arc<System>,
     /// The pieces.
     pub fragments: Fragments,
-    /// Numbers of the pieces that no support holds; soft springs to the ground keep their equations regular.
+    /// Numbers of the pieces that no support holds; weak springs keep their equations regular.
     pub loose: Vec<u32>,
 }
 

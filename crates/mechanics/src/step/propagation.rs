@@ -98,26 +98,27 @@ pub fn propagation_step(
             moving.push((front, moves));
         }
     }
-    let (mut grown, mut loads) = (bone.cracked.clone(), state.loads.clone());
+    let mut grown: Option<(f64, CrackedBody)> = None;
     for (front, moves) in stretches(&moving) {
-        if let Some(next) = advance_affordably(&grown, front, &moves, &loads)? {
-            loads = next.carry_loads(&grown, &loads);
-            grown = next;
-            report.advanced = true;
+        if let Some((ratio, next)) = advance_affordably(&bone.cracked, front, &moves, &state.loads)?
+            && grown.as_ref().is_none_or(|(best, _)| ratio > *best)
+        {
+            grown = Some((ratio, next));
         }
     }
+    report.advanced = grown.is_some();
     if !report.advanced
         && let Some((torn, n_edges, ratio)) = ligament(bone, state, settings)?
     {
         report.ligament = Some((n_edges, ratio));
         if ratio >= 1.0 {
-            grown = torn;
+            grown = Some((ratio, torn));
             report.advanced = true;
         }
     }
-    if !report.advanced {
+    let Some((_, grown)) = grown else {
         return Ok((None, report));
-    }
+    };
     let next = Bone::assemble(
         bone.generation + 1,
         body.clone(),
@@ -128,7 +129,8 @@ pub fn propagation_step(
     Ok((Some(next), report))
 }
 
-/// The moving stretches of all fronts, each by itself, the farthest advance first.
+/// The moving stretches of all fronts, each by itself, the farthest advance first. The one that pays best advances; then the
+/// tools and the bone come to rest anew before the next one does, as that load may be gone.
 fn stretches<'a>(moving: &[(&'a Front, Vec<Vec3>)]) -> Vec<(&'a Front, Vec<Vec3>)> {
     let mut found = Vec::new();
     for (front, moves) in moving {
@@ -154,7 +156,7 @@ fn advance_affordably(
     front: &Front,
     moves: &[Vec3],
     loads: &[CellForce],
-) -> Result<Option<CrackedBody>, BodyError> {
+) -> Result<Option<(f64, CrackedBody)>, BodyError> {
     /// Parts of a stretch that are tried, by their least advance relative to the largest.
     const PARTS: [f64; 3] = [0.0, 0.5, 0.8];
     let farthest = moves.iter().map(Vec3::norm).fold(0.0, f64::max);
@@ -175,7 +177,8 @@ fn advance_affordably(
     Ok(None)
 }
 
-/// The grown body, if the elastic energy that the growth releases pays for its faces (Griffith's balance over a finite step).
+/// The grown body, if the elastic energy that the growth releases pays for its faces (Griffith's balance over a finite step),
+/// and how many times over.
 ///
 /// The integrals that drive the fronts are good to some per cent on a smooth front far from others, but not where chisels
 /// press beside it or fronts close in on each other; the balance of the whole body is the guard against both. A growth that
@@ -184,15 +187,19 @@ fn pay(
     before: &CrackedBody,
     growth: Growth,
     loads: &[CellForce],
-) -> Result<Option<CrackedBody>, BodyError> {
+) -> Result<Option<(f64, CrackedBody)>, BodyError> {
     let newly_cut = growth.newly_cut.clone();
     if newly_cut.is_empty() {
         return Ok(None);
     }
     let after = before.grown(growth)?;
     let (_, cost) = after.cost(before, &newly_cut);
-    Ok((released(before, &after, loads) >= cost).then_some(after))
+    let ratio = released(before, &after, loads) / cost.max(LEAST_COST);
+    Ok((ratio >= 1.0).then_some((ratio, after)))
 }
+
+/// A cut of next to no area still has to be torn by something \[N mm\].
+const LEAST_COST: f64 = 1e-3;
 
 /// Elastic energy \[N mm\] that growth releases while what loads the body is held: U (1 - C / C') for its compliances C and
 /// C' before and after, the least that any way of loading can release. `loads` act on `before`.
@@ -235,7 +242,6 @@ fn ligament(
     if area > LARGEST_LIGAMENT * h * h {
         return Ok(None);
     }
-    // A ligament of next to no area still has to be torn by something.
-    let ratio = released(&bone.cracked, &torn, &state.loads) / cost.max(1e-9);
+    let ratio = released(&bone.cracked, &torn, &state.loads) / cost.max(LEAST_COST);
     Ok(Some((torn, edges.len(), ratio)))
 }

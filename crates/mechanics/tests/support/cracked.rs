@@ -474,6 +474,12 @@ pub fn mean_sd(values: &[f64]) -> (f64, f64) {
     (mean, var.sqrt())
 }
 
+/// Shows a measured figure (`cargo test -- --nocapture`).
+#[allow(clippy::print_stderr)]
+pub fn measured(figure: &str) {
+    eprintln!("{figure}");
+}
+
 /// Whether the longer studies are asked for.
 pub fn long() -> bool {
     std::env::var_os("OSTEOTOME_LONG").is_some()

@@ -349,9 +349,15 @@ impl BuiltInSurgeon {
         behind.max(self.first_depth(i))
     }
 
-    /// How deep the crack goes below this blade, in its driving direction \[mm\]: the least of the front there, and as deep as
-    /// a chisel ever goes where no front is left.
+    /// How deep the crack goes below this blade, in its driving direction \[mm\]: as deep as a chisel ever goes where no front
+    /// is left.
     fn crack_depth(&self, i: usize, crack: &CrackView) -> f64 {
+        let depth = self.front_below(i, crack);
+        depth.map_or(self.habits.max_depth, |d| d.min(self.habits.max_depth))
+    }
+
+    /// The least depth of the front below this blade \[mm\].
+    fn front_below(&self, i: usize, crack: &CrackView) -> Option<f64> {
         let frame = self.line.frame(self.hands[i].s, self.width[i]);
         let reach = 0.5 * self.width[i] + BESIDE;
         let below = crack.front.iter().filter_map(|p| {
@@ -359,7 +365,7 @@ impl BuiltInSurgeon {
             let is_below = local.x.abs() < reach && local.y.abs() < OFF_PLANE && local.z > 0.0;
             is_below.then_some(local.z)
         });
-        below.fold(self.habits.max_depth, f64::min)
+        below.min_by(f64::total_cmp)
     }
 
     /// Lets go of the twist, goes as deep as the crack allows, and twists again.
@@ -409,6 +415,11 @@ impl BuiltInSurgeon {
         if !strained || still < self.habits.stall_time {
             return;
         }
+        // Where nothing holds below a blade any more, it has nothing left to do there.
+        let through = [0, 1].map(|i| self.front_below(i, crack).is_none());
+        if through != [false; 2] && self.move_to_ligament(crack) {
+            return;
+        }
         if let Some(i) = self.deeper(crack) {
             self.hands[i].reached = self.follow_depth(i, crack);
             self.hands[i].bite = 0.0;
@@ -429,7 +440,6 @@ impl BuiltInSurgeon {
             self.last_drive = self.time;
         } else if self.time - self.last_drive > 2.0 * self.habits.stall_time {
             self.last_drive = self.time;
-            self.last_growth = self.time;
             self.move_to_ligament(crack);
         }
     }
@@ -453,8 +463,10 @@ impl BuiltInSurgeon {
         wrench.force.norm() < share * self.limits[i].force
     }
 
-    /// The chisel that does less goes to where most of what still holds is within its reach, and not tried too often.
-    fn move_to_ligament(&mut self, crack: &CrackView) {
+    /// The chisel that does less goes to where most of what still holds is within its reach, and not tried too often. Says
+    /// whether there is such a place.
+    fn move_to_ligament(&mut self, crack: &CrackView) -> bool {
+        self.last_growth = self.time;
         let worth = [0, 1].map(|i| self.worth(self.hands[i].s, i, crack));
         let mover = usize::from(worth[1] < worth[0]);
         let stays = self.hands[1 - mover].s;
@@ -482,6 +494,7 @@ impl BuiltInSurgeon {
                 to: self.stations[k].s,
             };
         }
+        best.1.is_some()
     }
 
     /// How much of what still holds lies below a blade at `s`.
