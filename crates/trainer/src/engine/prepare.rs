@@ -33,8 +33,8 @@ const CONDYLE_RADIUS: f64 = 6.0;
 /// a loose ramus turns by hand.
 const CAPSULE: f64 = 500.0;
 /// Drag of the soft tissue around the whole jaw \[N s/mm\]; assumed. A fragment of a sixth of it that leaps a millimetre within
-/// a main step of 20 ms is held back by some 50 N.
-const SOFT_TISSUE_DRAG: f64 = 6.0;
+/// a main step of 20 ms is held back by some 33 N.
+const SOFT_TISSUE_DRAG: f64 = 4.0;
 /// The hand that steadies the chin holds the nodes this near to its middle \[mm\].
 const CHIN_RADIUS: f64 = 15.0;
 /// The element size that counts for growth is that within this distance of the line \[mm\].
