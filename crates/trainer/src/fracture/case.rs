@@ -472,7 +472,7 @@ load = "scaled"
             (
                 "steps = 10",
                 "steps = 10\nsteps = 10",
-                ["line 18", "duplicate"],
+                ["line 19", "duplicate"],
             ),
         ] {
             assert!(CASE.contains(from), "{from}");
