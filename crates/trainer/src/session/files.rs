@@ -35,6 +35,8 @@ pub struct FinalBone {
     pub points: Vec<[f64; 3]>,
     /// Displacement of each \[mm\].
     pub displacement: Vec<[f64; 3]>,
+    /// Level sets phi1, phi2, phi3 of the crack at each; phi2 is -1 without a front \[mm\].
+    pub level_sets: [Vec<f64>; 3],
     /// Corners of each cell.
     pub cells: Vec<[u32; 4]>,
     /// The piece each cell belongs to.
@@ -49,6 +51,9 @@ pub fn write_final_bone(bone: &FinalBone) -> String {
         .points(&bone.points)
         .tetrahedra(&bone.cells)
         .point_vectors("displacement", &bone.displacement)
+        .point_numbers("phi1", &bone.level_sets[0])
+        .point_numbers("phi2", &bone.level_sets[1])
+        .point_numbers("phi3", &bone.level_sets[2])
         .cell_indices("fragment", &bone.fragment)
         .cell_numbers("volume_fraction", &bone.volume_fraction)
         .finish()
@@ -176,6 +181,7 @@ mod tests {
         let bone = FinalBone {
             points: vec![[0.0; 3]; 4],
             displacement: vec![[0.0, 0.0, 0.25]; 4],
+            level_sets: [vec![0.5; 4], vec![1.25; 4], vec![-0.75; 4]],
             cells: vec![[0, 1, 2, 3]],
             fragment: vec![1],
             volume_fraction: vec![1.0],
@@ -183,6 +189,7 @@ mod tests {
         let text = write_final_bone(&bone);
         assert!(text.contains("NumberOfPoints=\"4\" NumberOfCells=\"1\""));
         assert_eq!(text.matches("0 0 0.25\n").count(), 4);
+        assert!(text.contains("Name=\"phi2\"") && text.contains("1.25"));
         assert_eq!(
             text.matches("<DataArray").count(),
             text.matches("</DataArray>").count()
