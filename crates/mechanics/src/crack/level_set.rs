@@ -4,7 +4,7 @@
 //! to the surface led on past its front along its tangent plane. They serve distances and front coordinates; which side of
 //! the crack a point is on, once it is cut, comes from the cut edges ([`super::CutEdges`]), never from the sign of phi3.
 use super::surface::{CrackSurface, Front, Sheet};
-use crate::geometry::{Aabb, MeshDistance, TetLocator, TetMesh, TriMesh, Vec3};
+use crate::geometry::{MeshDistance, TetLocator, TetMesh, TriMesh, Vec3};
 
 /// The crack as one node sees it, by the sheet that is nearest.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,7 +47,7 @@ impl LevelSet {
 
 /// Level sets at the nodes closer than `reach` \[mm\] to the crack, ascending by node.
 ///
-/// `fronts`: those of `crack`. Exact for the distance to the triangles; costs in proportion to the nodes near the crack.
+/// `fronts`: those of `crack`. Exact for the distance to the triangles; costs in proportion to the nodes in the sheets' boxes.
 pub fn level_sets(
     mesh: &TetMesh,
     locator: &TetLocator,
@@ -155,16 +155,16 @@ fn nearest(segments: &[[Vec3; 2]], p: &Vec3) -> f64 {
     segments.iter().map(distance).fold(f64::INFINITY, f64::min)
 }
 
+/// Nodes of the tetrahedra that may come within `reach` of a sheet, ascending.
 fn nodes_near(mesh: &TetMesh, locator: &TetLocator, sheet: &TriMesh, reach: f64) -> Vec<u32> {
-    let mut nodes = Vec::new();
-    for t in 0..sheet.triangles.len() {
-        locator.tets_near(&Aabb::around(&sheet.corners(t)).grown(reach), |tet| {
-            nodes.extend(mesh.tets()[tet as usize]);
-        });
-    }
-    nodes.sort_unstable();
-    nodes.dedup();
-    nodes
+    let mut is_near = vec![false; mesh.nodes().len()];
+    locator.tets_near(&sheet.bounds().grown(reach), |tet| {
+        for &n in &mesh.tets()[tet as usize] {
+            is_near[n as usize] = true;
+        }
+    });
+    let all = 0..mesh.nodes().len() as u32;
+    all.filter(|n| is_near[*n as usize]).collect()
 }
 
 #[cfg(test)]
