@@ -1,6 +1,7 @@
 //! The three steps of the simulation, each a page of calls in the paper's order, and what they work on.
 //!
 //! [`Bone`] is everything that is constant between two growths, [`BoneState`] what is computed on it.
+mod balance;
 mod bone;
 mod crack_faces;
 pub mod haptic;

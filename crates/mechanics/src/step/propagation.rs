@@ -1,7 +1,8 @@
+use super::balance::{Balance, Trial};
 use super::bone::{Bone, BoneState};
 use crate::crack::growth::{Drive, advances, drives};
-use crate::crack::stress_intensity::{CellForce, Station};
-use crate::crack::{BodyError, CrackedBody, EvaluatedFront, Front, Growth, bridging_edges};
+use crate::crack::stress_intensity::Station;
+use crate::crack::{BodyError, EvaluatedFront, Front, bridging_edges};
 use crate::geometry::Vec3;
 
 /// How the propagation step behaves.
@@ -67,7 +68,8 @@ pub struct GrowthReport {
 /// 1.52 times), so no other station can grow, not even after smoothing with its neighbours.
 const K_FROM: f64 = 0.3;
 
-/// Checks MSERRC on a state of the bone and grows the crack by one increment where it is met (paper, section 3.1 step 3).
+/// Checks MSERRC on a state of the bone and grows the crack by one increment where it is met (paper, section 3.1 step 3) and
+/// pays for itself.
 ///
 /// Returns the next generation, or none if the crack rests. `state` must belong to `bone`.
 ///
@@ -98,27 +100,23 @@ pub fn propagation_step(
             moving.push((front, moves));
         }
     }
-    let mut grown: Option<(f64, CrackedBody)> = None;
+    let balance = Balance::new(&bone.cracked, &state.loads);
+    let mut best: Option<Trial> = None;
     for (front, moves) in stretches(&moving) {
-        if let Some((ratio, next)) = advance_affordably(&bone.cracked, front, &moves, &state.loads)?
-            && grown.as_ref().is_none_or(|(best, _)| ratio > *best)
-        {
-            grown = Some((ratio, next));
-        }
+        let trial = balance.advance(front, &moves)?;
+        let ratio = best.as_ref().map_or(0.0, |b| b.ratio);
+        best = trial.filter(|t| t.ratio > ratio).or(best);
     }
-    report.advanced = grown.is_some();
-    if !report.advanced
-        && let Some((torn, n_edges, ratio)) = ligament(bone, state, settings)?
+    if best.is_none()
+        && let Some((n_edges, torn)) = ligament(bone, &balance, settings)?
     {
-        report.ligament = Some((n_edges, ratio));
-        if ratio >= 1.0 {
-            grown = Some((ratio, torn));
-            report.advanced = true;
-        }
+        report.ligament = Some((n_edges, torn.ratio));
+        best = Some(torn).filter(|t| t.ratio >= 1.0);
     }
-    let Some((_, grown)) = grown else {
+    let Some(Trial { body: grown, .. }) = best else {
         return Ok((None, report));
     };
+    report.advanced = true;
     let next = Bone::assemble(
         bone.generation + 1,
         body.clone(),
@@ -129,119 +127,47 @@ pub fn propagation_step(
     Ok((Some(next), report))
 }
 
-/// The moving stretches of all fronts, each by itself, the farthest advance first. The one that pays best advances; then the
-/// tools and the bone come to rest anew before the next one does, as that load may be gone.
+/// The moving stretches of all fronts, each by itself. The one that pays best advances; then tools and bone come to rest anew
+/// before the next one does, as that load may be gone.
 fn stretches<'a>(moving: &[(&'a Front, Vec<Vec3>)]) -> Vec<(&'a Front, Vec<Vec3>)> {
+    let rests = |m: &Vec3| *m == Vec3::zeros();
     let mut found = Vec::new();
     for (front, moves) in moving {
         let mut start = 0;
-        for stretch in moves.chunk_by(|a, b| (*a == Vec3::zeros()) == (*b == Vec3::zeros())) {
+        for stretch in moves.chunk_by(|a, b| rests(a) == rests(b)) {
             let places = start..start + stretch.len();
             start = places.end;
-            let farthest = stretch.iter().map(Vec3::norm).fold(0.0, f64::max);
-            if farthest > 0.0 {
+            if !rests(&stretch[0]) {
                 let mut alone = vec![Vec3::zeros(); moves.len()];
                 alone[places].copy_from_slice(stretch);
-                found.push((farthest, *front, alone));
+                found.push((*front, alone));
             }
         }
     }
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    found.into_iter().map(|(_, f, m)| (f, m)).collect()
-}
-
-/// The body after a stretch has advanced, as a whole or, if the energy does not suffice, only where it is driven hardest.
-fn advance_affordably(
-    body: &CrackedBody,
-    front: &Front,
-    moves: &[Vec3],
-    loads: &[CellForce],
-) -> Result<Option<(f64, CrackedBody)>, BodyError> {
-    /// Parts of a stretch that are tried, by their least advance relative to the largest.
-    const PARTS: [f64; 3] = [0.0, 0.5, 0.8];
-    let farthest = moves.iter().map(Vec3::norm).fold(0.0, f64::max);
-    for least in PARTS {
-        let hardest = |m: &Vec3| {
-            if m.norm() < least * farthest {
-                Vec3::zeros()
-            } else {
-                *m
-            }
-        };
-        let part: Vec<Vec3> = moves.iter().map(hardest).collect();
-        let paid = pay(body, body.advanced(&[(front, &part)]), loads)?;
-        if paid.is_some() {
-            return Ok(paid);
-        }
-    }
-    Ok(None)
-}
-
-/// The grown body, if the elastic energy that the growth releases pays for its faces (Griffith's balance over a finite step),
-/// and how many times over.
-///
-/// The integrals that drive the fronts are good to some per cent on a smooth front far from others, but not where chisels
-/// press beside it or fronts close in on each other; the balance of the whole body is the guard against both. A growth that
-/// cuts nothing is none.
-fn pay(
-    before: &CrackedBody,
-    growth: Growth,
-    loads: &[CellForce],
-) -> Result<Option<(f64, CrackedBody)>, BodyError> {
-    let newly_cut = growth.newly_cut.clone();
-    if newly_cut.is_empty() {
-        return Ok(None);
-    }
-    let after = before.grown(growth)?;
-    let (_, cost) = after.cost(before, &newly_cut);
-    let ratio = released(before, &after, loads) / cost.max(LEAST_COST);
-    Ok((ratio >= 1.0).then_some((ratio, after)))
-}
-
-/// A cut of next to no area still has to be torn by something \[N mm\].
-const LEAST_COST: f64 = 1e-3;
-
-/// Elastic energy \[N mm\] that growth releases while what loads the body is held: U (1 - C / C') for its compliances C and
-/// C' before and after, the least that any way of loading can release. `loads` act on `before`.
-fn released(before: &CrackedBody, after: &CrackedBody, loads: &[CellForce]) -> f64 {
-    let was = before.work(loads);
-    let is = after.work(&after.carry_loads(before, loads));
-    if is > was {
-        0.5 * was * (1.0 - was / is)
-    } else {
-        0.0
-    }
+    found
 }
 
 /// Largest area that tears as a whole, in squared element sizes: about that of the integrals' domain.
 const LARGEST_LIGAMENT: f64 = 4.0;
 
-/// The body without its last ligament, that ligament's edges, and its energy release rate over its toughness if it tears as a
-/// whole.
+/// The last ligament between the ends: how many edges it has, and what comes of tearing it as a whole.
 ///
-/// A ligament of a few edges is smaller than the domain of any integral: its release is computed by finite fracture.
+/// A ligament of a few edges is smaller than the domain of any integral: only the balance can tell.
 fn ligament(
     bone: &Bone,
-    state: &BoneState,
+    balance: &Balance,
     settings: &PropagationSettings,
-) -> Result<Option<(CrackedBody, usize, f64)>, BodyError> {
+) -> Result<Option<(usize, Trial)>, BodyError> {
     let body = &bone.body;
     let [source, sink] = &body.ends;
     let limit = settings.ligament_edges;
-    let bridging = bridging_edges(&body.mesh, &bone.cuts, source, sink, limit);
-    let Some(edges) = bridging.filter(|e| !e.is_empty() && !state.loads.is_empty()) else {
+    let Some(edges) = bridging_edges(&body.mesh, &bone.cuts, source, sink, limit) else {
         return Ok(None);
     };
     let mut growth = bone.advanced(&[]);
     growth.tear(&body.mesh, &edges);
-    let newly_cut = growth.newly_cut.clone();
-    let torn = bone.cracked.grown(growth)?;
-    let (area, cost) = torn.cost(&bone.cracked, &newly_cut);
+    let torn = balance.weigh(growth)?;
     // Whatever is larger than the domain of the integrals is a crack front's business, not a ligament's.
-    let h = body.lengths.h;
-    if area > LARGEST_LIGAMENT * h * h {
-        return Ok(None);
-    }
-    let ratio = released(&bone.cracked, &torn, &state.loads) / cost.max(LEAST_COST);
-    Ok(Some((torn, edges.len(), ratio)))
+    let largest = LARGEST_LIGAMENT * body.lengths.h * body.lengths.h;
+    Ok(torn.filter(|t| t.area <= largest).map(|t| (edges.len(), t)))
 }

@@ -357,6 +357,7 @@ impl<P: Fn(&str) -> String> Checks<'_, P> {
             ("twist_max_deg", g.twist_max_deg, 90.0),
             ("behind_front", g.behind_front, 50.0),
             ("wedge", g.wedge, 50.0),
+            ("push_share", g.push_share, 1.0),
             ("force_share", g.force_share, 1.0),
             ("variation", g.variation, 0.5),
         ] {
