@@ -91,32 +91,6 @@ pub fn drive(station: &Station, lengths: &GrowthLengths) -> Drive {
     }
 }
 
-/// The criterion at each station of a front, smoothed along it.
-pub fn drives(stations: &[Station], closed: bool, lengths: &GrowthLengths) -> Vec<Drive> {
-    let raw: Vec<Drive> = stations.iter().map(|s| drive(s, lengths)).collect();
-    smoothed(stations, &raw, closed, 1.5 * lengths.h)
-}
-
-/// How each vertex of a front moves \[mm\]; zero where the crack rests.
-///
-/// `strongest`: the largest ratio on all fronts. There the crack advances by a whole increment, elsewhere in proportion, so
-/// that under one load the fronts of neighbouring cuts do not all run at once.
-pub fn advances(
-    stations: &[Station],
-    drives: &[Drive],
-    strongest: f64,
-    lengths: &GrowthLengths,
-) -> Vec<Vec3> {
-    let advance = |(s, d): (&Station, &Drive)| {
-        if d.ratio < 1.0 {
-            return Vec3::zeros();
-        }
-        let step = lengths.increment * d.ratio / strongest;
-        (s.advance * d.kink.cos() + s.normal * d.kink.sin()) * step
-    };
-    stations.iter().zip(drives).map(advance).collect()
-}
-
 /// Averages over a hat along the front; stations that lie mostly outside the body only receive.
 pub(super) fn smoothed(
     stations: &[Station],

@@ -47,6 +47,12 @@ impl FrontDrives {
         drives
     }
 
+    /// Largest smoothed drive of all.
+    pub fn largest(&self) -> f64 {
+        let all = self.smooth.iter().flatten();
+        all.fold(0.0, |most, d| d.ratio.max(most))
+    }
+
     /// How each vertex moves \[mm\]: by the increment where the drive is largest, elsewhere in proportion to it; not at all where
     /// it is below `least`.
     pub fn moves(
@@ -55,8 +61,7 @@ impl FrontDrives {
         lengths: &GrowthLengths,
         least: f64,
     ) -> Vec<Vec<Vec3>> {
-        let all = self.smooth.iter().flatten().map(|d| d.ratio);
-        let largest = all.fold(0.0, f64::max);
+        let largest = self.largest();
         let step = |s: &Station, d: &Drive| {
             if largest <= 0.0 || d.ratio < least {
                 return Vec3::zeros();

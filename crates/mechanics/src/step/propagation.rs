@@ -1,6 +1,7 @@
 use super::balance::{Balance, Trial};
 use super::bone::{Bone, BoneState};
-use crate::crack::growth::{Drive, advances, drives};
+use crate::crack::growth::Drive;
+use crate::crack::load_control::FrontDrives;
 use crate::crack::stress_intensity::Station;
 use crate::crack::{BodyError, EvaluatedFront, Front, bridging_edges};
 use crate::geometry::Vec3;
@@ -84,25 +85,17 @@ pub fn propagation_step(
     let mut report = GrowthReport::default();
     let evaluated = bone.evaluate_fronts(&state.x, &state.loads, K_FROM);
     let lengths = &body.lengths;
-    let driven: Vec<(&EvaluatedFront, Vec<Drive>)> = evaluated
-        .iter()
-        .map(|e| (e, drives(&e.stations, e.front.closed, lengths)))
-        .collect();
-    report.strongest =
-        (driven.iter().flat_map(|(_, drives)| drives)).fold(0.0, |most, d| d.ratio.max(most));
-    let mut moving: Vec<(&Front, Vec<Vec3>)> = Vec::new();
-    for (EvaluatedFront { front, stations }, drives) in &driven {
-        let moves = advances(stations, drives, report.strongest, lengths);
-        let points = stations.iter().zip(drives).zip(&moves);
+    let drives = FrontDrives::new(&evaluated, lengths);
+    report.strongest = drives.largest();
+    let moves = drives.moves(&evaluated, lengths, 1.0);
+    for ((e, drives), moves) in evaluated.iter().zip(&drives.smooth).zip(&moves) {
+        let points = e.stations.iter().zip(drives).zip(moves);
         let points = points.map(|((s, d), m)| FrontPoint::new(s, d, m));
         report.fronts.push(points.collect());
-        if moves.iter().any(|m| *m != Vec3::zeros()) {
-            moving.push((front, moves));
-        }
     }
     let balance = Balance::new(&bone.cracked, &state.loads);
     let mut best: Option<Trial> = None;
-    for (front, moves) in stretches(&moving) {
+    for (front, moves) in stretches(&evaluated, &moves) {
         let trial = balance.advance(front, &moves)?;
         let ratio = best.as_ref().map_or(0.0, |b| b.ratio);
         best = trial.filter(|t| t.ratio > ratio).or(best);
@@ -129,10 +122,10 @@ pub fn propagation_step(
 
 /// The moving stretches of all fronts, each by itself. The one that pays best advances; then tools and bone come to rest anew
 /// before the next one does, as that load may be gone.
-fn stretches<'a>(moving: &[(&'a Front, Vec<Vec3>)]) -> Vec<(&'a Front, Vec<Vec3>)> {
+fn stretches<'a>(fronts: &'a [EvaluatedFront], moves: &[Vec<Vec3>]) -> Vec<(&'a Front, Vec<Vec3>)> {
     let rests = |m: &Vec3| *m == Vec3::zeros();
     let mut found = Vec::new();
-    for (front, moves) in moving {
+    for (e, moves) in fronts.iter().zip(moves) {
         let mut start = 0;
         for stretch in moves.chunk_by(|a, b| rests(a) == rests(b)) {
             let places = start..start + stretch.len();
@@ -140,7 +133,7 @@ fn stretches<'a>(moving: &[(&'a Front, Vec<Vec3>)]) -> Vec<(&'a Front, Vec<Vec3>
             if !rests(&stretch[0]) {
                 let mut alone = vec![Vec3::zeros(); moves.len()];
                 alone[places].copy_from_slice(stretch);
-                found.push((*front, alone));
+                found.push((&e.front, alone));
             }
         }
     }

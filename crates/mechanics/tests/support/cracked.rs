@@ -2,12 +2,11 @@
 use super::noise;
 use nalgebra::Matrix3;
 use osteotome_mechanics::bone::{Supports, TetMaterial, stiffness};
-use osteotome_mechanics::crack::growth::{
-    Drive, GrowthLengths, Surroundings, advances, drives, grow,
-};
+use osteotome_mechanics::crack::growth::{Drive, GrowthLengths, Surroundings, grow};
+use osteotome_mechanics::crack::load_control::FrontDrives;
 use osteotome_mechanics::crack::stress_intensity::{CellForce, Fields, Station, evaluate};
 use osteotome_mechanics::crack::{
-    CrackSurface, CutEdges, FacePiece, Front, Sheet, System, Topology, face_pieces,
+    CrackSurface, CutEdges, EvaluatedFront, FacePiece, Front, Sheet, System, Topology, face_pieces,
 };
 use osteotome_mechanics::geometry::{TetLocator, TetMesh, TriMesh, Vec3};
 use std::f64::consts::PI;
@@ -427,9 +426,14 @@ impl<'a> Cracked<'a> {
             0.0,
         );
         for (front, stations) in fronts.iter().zip(all) {
-            let drives = drives(&stations, front.closed, &lengths);
-            let strongest = drives.iter().map(|d| d.ratio).fold(0.0, f64::max);
-            let moves = advances(&stations, &drives, strongest, &lengths);
+            let alone = [EvaluatedFront {
+                front: front.clone(),
+                stations,
+            }];
+            let mut drives = FrontDrives::new(&alone, &lengths);
+            let moves = drives.moves(&alone, &lengths, 1.0).remove(0);
+            let drives = drives.smooth.remove(0);
+            let [EvaluatedFront { stations, .. }] = alone;
             if moves.iter().any(|m| *m != Vec3::zeros()) {
                 let strip = grow(&mut crack, front, &moves, &around);
                 let (mesh, locator) = (&self.specimen.mesh, &self.specimen.locator);
