@@ -4,9 +4,9 @@
 /// Sweeps that are remembered, also from earlier main steps on the same bone.
 const MEMORY: usize = 6;
 /// Without memory a sweep may move no unknown farther than this \[mm\]: just broken off, a fragment would otherwise leap.
-const FIRST_MOVE: f64 = 0.3;
+const FIRST_MOVE: f64 = 1.0;
 /// No sweep may move an unknown farther than this \[mm\].
-const LONGEST_MOVE: f64 = 2.0;
+const LONGEST_MOVE: f64 = 4.0;
 
 /// The fixed point x = G(x), G = one sweep.
 #[derive(Clone, Debug, Default)]
