@@ -143,7 +143,12 @@ pub fn main_step(
     input: &MainInput,
 ) -> MainReport {
     let mut tools = input.tools;
-    state.acceleration.new_step();
+    if state.bone.converged {
+        state.acceleration.new_step();
+    } else {
+        // What sweeps taught while contacts came and went misleads the next ones.
+        state.acceleration.forget();
+    }
     state.drag.clear();
     state.drag.resize(bone.system.n(), 0.0);
     let (mesh, topology) = (&bone.body.mesh, &bone.topology);
