@@ -111,7 +111,6 @@ impl MainState {
     /// millimetre at once, as a start for the relaxation.
     pub fn adopt(&mut self, old: &Bone, new: &Bone) {
         self.solve = new.system.scratch();
-        self.acceleration.forget();
         let mut next = new.at_rest();
         next.loads = new.carry_loads(old, &self.bone.loads);
         (new.system).add_drag(&new.body.mesh, &new.topology, &self.bone.x, &mut next.x);
@@ -143,12 +142,8 @@ pub fn main_step(
     input: &MainInput,
 ) -> MainReport {
     let mut tools = input.tools;
-    if state.bone.converged {
-        state.acceleration.new_step();
-    } else {
-        // What sweeps taught while contacts came and went misleads the next ones.
-        state.acceleration.forget();
-    }
+    // What sweeps taught while the contacts were others misleads the next ones.
+    state.acceleration.forget();
     state.drag.clear();
     state.drag.resize(bone.system.n(), 0.0);
     let (mesh, topology) = (&bone.body.mesh, &bone.topology);

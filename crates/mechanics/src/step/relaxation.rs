@@ -1,7 +1,7 @@
 //! Faster convergence of the relaxation from the sweeps already made (interface quasi-Newton by least squares, the
 //! Anderson mixing of partitioned solvers).
 
-/// Sweeps that are remembered, also from earlier main steps on the same bone.
+/// Sweeps of this main step that are remembered. Those of earlier steps mislead: their contacts were others.
 const MEMORY: usize = 6;
 /// Without memory a sweep may move no unknown farther than this \[mm\]: just broken off, a fragment would otherwise leap.
 const FIRST_MOVE: f64 = 1.0;
@@ -19,7 +19,7 @@ pub struct Acceleration {
 }
 
 impl Acceleration {
-    /// Forgets everything: the bone has changed.
+    /// Forgets everything: a new step, another bone.
     pub fn forget(&mut self) {
         *self = Self::default();
     }
@@ -54,11 +54,6 @@ impl Acceleration {
             .zip(&mixed)
             .for_each(|(x, m)| *x += share * (m - *x));
         self.last = Some((residual, result.to_vec()));
-    }
-
-    /// Starts a new step: differences stay, the last sweep does not.
-    pub fn new_step(&mut self) {
-        self.last = None;
     }
 
     /// result + sum_j c_j (difference of results)_j with c the least squares of residual + sum_j c_j (...)_j = 0.
