@@ -229,7 +229,7 @@ impl CrackedBody {
     }
 
     /// Effective area of the crack in one tetrahedron, and that area times the toughness across it.
-    fn faces_in(&self, t: u32) -> (f64, f64) {
+    pub(super) fn faces_in(&self, t: u32) -> (f64, f64) {
         let material = &self.solid.materials[t as usize];
         let (mut area, mut energy) = (0.0, 0.0);
         face_pieces(&self.solid.mesh, &self.cuts, &self.topology, t, |f| {
