@@ -247,7 +247,7 @@ fn solves(mesh: &TetMesh, topology: &Topology, system: &System, full_ms: f64) {
         .iter()
         .map(|cell| {
             let mut column = Vec::new();
-            system.push_force(mesh, cell, &[0.25; 4], &Vec3::y(), &mut column);
+            system.push_corner_forces(mesh, cell, &[Vec3::y() * 0.25; 4], &mut column);
             column
         })
         .collect();

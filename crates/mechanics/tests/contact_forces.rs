@@ -3,7 +3,7 @@ mod support;
 
 use osteotome_mechanics::contact::{
     Anchors, Candidates, Contact, ContactLaw, PointOrigin, PointShell, Response, ShellPoint,
-    append_point_forces, penetrations, respond, respond_pair,
+    ShellPoints, append_point_forces, penetrations, respond, respond_pair,
 };
 use osteotome_mechanics::geometry::{Pose, TetLocator, Vec3};
 use osteotome_mechanics::tool::ToolModel;
@@ -362,6 +362,7 @@ fn a_blade_ahead_of_the_crack_pushes_both_walls_apart() {
     let mut push = |side: f64, known: bool| {
         let points: Vec<_> = wall(side, known).collect();
         let cells: Vec<u32> = points.iter().map(|p| p.tet).collect();
+        let points = ShellPoints::new(points.into());
         block.shell = PointShell::group(&points, &cells, block.mesh.tets().len());
         block.volumes.update(&block.shell, &block.deformation);
         let found = contacts(&model, &block, &pose);

@@ -12,7 +12,7 @@ mod wrench;
 pub use boundary_points::boundary_points;
 pub use bounding_volumes::BoundingVolumes;
 pub use friction::Anchors;
-pub use point_shell::{PointOrigin, PointShell, ShellPoint};
+pub use point_shell::{PointOrigin, PointShell, RenewedCells, ShellPoint, ShellPoints};
 pub(crate) use query::SIDE_DEPTH;
 pub use query::{Candidates, Contact, ContactScene, penetrations};
 pub use response::{

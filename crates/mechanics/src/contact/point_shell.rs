@@ -1,4 +1,6 @@
 use crate::geometry::Vec3;
+use std::ops::Range;
+use std::sync::Arc;
 
 /// Where on the bone a point lies.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,9 +29,60 @@ pub struct ShellPoint {
     pub origin: PointOrigin,
 }
 
+/// All points of a bone; a point's id is its place. Points are only ever appended, so that ids are stable, and a grown list
+/// shares the points of the uncut surface with the one it came from.
+#[derive(Clone, Debug)]
+pub struct ShellPoints {
+    surface: Arc<[ShellPoint]>,
+    walls: Vec<ShellPoint>,
+}
+
+impl ShellPoints {
+    /// The points of a surface, no walls yet.
+    pub fn new(surface: Arc<[ShellPoint]>) -> Self {
+        Self {
+            surface,
+            walls: Vec::new(),
+        }
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.surface.len() + self.walls.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The points of crack walls, to append to.
+    pub fn walls_mut(&mut self) -> &mut Vec<ShellPoint> {
+        &mut self.walls
+    }
+
+    /// The point with this id, which must be there.
+    pub fn get(&self, id: u32) -> &ShellPoint {
+        let id = id as usize;
+        match id.checked_sub(self.surface.len()) {
+            None => &self.surface[id],
+            Some(k) => &self.walls[k],
+        }
+    }
+}
+
+/// Cells of a shell whose points are sorted anew.
+#[derive(Clone, Debug)]
+pub struct RenewedCells {
+    /// The cells that they replace.
+    pub old: Range<usize>,
+    /// Their own numbers; those between the renewed are the kept ones, in their old order.
+    pub new: Range<usize>,
+    /// (cell, point): all points in them.
+    pub members: Vec<(u32, u32)>,
+}
+
 /// The points of the bone sorted by cell, and within it into blocks of neighbours, as the contact query reads them.
-///
-/// A point's id is its index in the list it was grouped from; points are only ever appended to that list, so ids are stable.
 #[derive(Clone, Debug, Default)]
 pub struct PointShell {
     /// Range of each cell's blocks: `first_block[c]..first_block[c + 1]`.
@@ -83,35 +136,111 @@ impl PointShell {
     pub const DROPPED: u32 = u32::MAX;
 
     /// Sorts the points by cell; `cell_of[i]` is the cell of point `i`, [`DROPPED`](Self::DROPPED) or beyond `n_cells` to leave it out.
-    pub fn group(points: &[ShellPoint], cell_of: &[u32], n_cells: usize) -> Self {
-        let mut ids: Vec<u32> = (0u32..)
-            .zip(points.iter().zip(cell_of))
-            .filter(|(_, (_, cell))| (**cell as usize) < n_cells)
-            .map(|(id, _)| id)
-            .collect();
-        ids.sort_by_cached_key(|&id| {
-            let i = id as usize;
-            (cell_of[i], curve_place(&points[i].weights), id)
-        });
-        let (first_block, blocks) = cut_into_blocks(points, cell_of, &ids, n_cells);
-        let point = |id: &u32| &points[*id as usize];
-        let mut overhang = vec![0.0f32; n_cells];
-        for id in &ids {
-            let least = point(id).weights.iter().fold(0.0f32, |l, w| l.min(*w));
-            let cell = &mut overhang[cell_of[*id as usize] as usize];
-            *cell = cell.max(-least);
-        }
-        let weights = [0, 1, 2, 3].map(|k| ids.iter().map(|id| point(id).weights[k]).collect());
-        Self {
-            first_block,
-            blocks,
-            overhang,
-            weights,
-            areas: ids.iter().map(|id| point(id).area).collect(),
-            normals: ids.iter().map(|id| normal(point(id))).collect(),
+    pub fn group(points: &ShellPoints, cell_of: &[u32], n_cells: usize) -> Self {
+        let all = cell_of.iter().copied().zip(0u32..);
+        let renewed = RenewedCells {
+            old: 0..0,
+            new: 0..n_cells,
+            members: all.filter(|m| (m.0 as usize) < n_cells).collect(),
+        };
+        Self::default().regrouped(points, vec![renewed])
+    }
+
+    /// The shell after some cells were divided or gained points. All others are copied as they are.
+    ///
+    /// `renewed`: by ascending cell.
+    pub fn regrouped(&self, points: &ShellPoints, renewed: Vec<RenewedCells>) -> Self {
+        let mut next = Self {
+            first_block: vec![0],
             n_ids: points.len(),
-            ids,
+            ..Self::default()
+        };
+        let mut from = 0;
+        for cells in renewed {
+            next.copy(self, from..cells.old.start);
+            from = cells.old.end;
+            next.push(points, cells);
         }
+        next.copy(self, from..self.n_cells());
+        next
+    }
+
+    /// Appends cells of another shell.
+    fn copy(&mut self, other: &Self, cells: Range<usize>) {
+        if cells.is_empty() {
+            return;
+        }
+        let blocks = other.block_range(cells.clone());
+        let points = other.point_range(blocks.clone());
+        let (moved, shift) = (self.ids.len() as u32, self.blocks.len() as u32);
+        let ends = &other.first_block[cells.start + 1..=cells.end];
+        let first = blocks.start as u32;
+        (self.first_block).extend(ends.iter().map(|b| b - first + shift));
+        self.blocks
+            .extend(other.blocks[blocks].iter().map(|b| Block {
+                first: b.first - points.start as u32 + moved,
+                ..*b
+            }));
+        self.overhang.extend_from_slice(&other.overhang[cells]);
+        self.ids.extend_from_slice(&other.ids[points.clone()]);
+        for (own, other) in self.weights.iter_mut().zip(&other.weights) {
+            own.extend_from_slice(&other[points.clone()]);
+        }
+        self.areas.extend_from_slice(&other.areas[points.clone()]);
+        self.normals.extend_from_slice(&other.normals[points]);
+    }
+
+    /// Appends cells with their points.
+    fn push(&mut self, points: &ShellPoints, mut cells: RenewedCells) {
+        let place = |m: &(u32, u32)| (m.0, curve_place(&points.get(m.1).weights), m.1);
+        cells.members.sort_by_cached_key(place);
+        let mut members = &cells.members[..];
+        for cell in cells.new {
+            let n = members.partition_point(|m| m.0 as usize <= cell);
+            let (own, rest) = members.split_at(n);
+            members = rest;
+            for block in own.chunks(BLOCK) {
+                let weights = block.iter().map(|m| &points.get(m.1).weights);
+                self.blocks.push(Block {
+                    first: self.ids.len() as u32,
+                    len: block.len() as u32,
+                    extent: BlockExtent::around(weights),
+                });
+                block.iter().for_each(|m| self.push_point(points, m.1));
+            }
+            let least = own.iter().flat_map(|m| points.get(m.1).weights);
+            self.overhang.push(-least.fold(0.0f32, f32::min));
+            self.first_block.push(self.blocks.len() as u32);
+        }
+    }
+
+    fn push_point(&mut self, points: &ShellPoints, id: u32) {
+        let point = points.get(id);
+        self.ids.push(id);
+        for (own, w) in self.weights.iter_mut().zip(point.weights) {
+            own.push(w);
+        }
+        self.areas.push(point.area);
+        self.normals.push(normal(point));
+    }
+
+    fn block_range(&self, cells: Range<usize>) -> Range<usize> {
+        let bound = |c: usize| self.first_block.get(c).map_or(0, |b| *b as usize);
+        bound(cells.start)..bound(cells.end)
+    }
+
+    fn point_range(&self, blocks: Range<usize>) -> Range<usize> {
+        let bound = |b: usize| {
+            self.blocks
+                .get(b)
+                .map_or(self.ids.len(), |b| b.first as usize)
+        };
+        bound(blocks.start)..bound(blocks.end)
+    }
+
+    /// The points in some cells.
+    pub fn ids_in(&self, cells: Range<usize>) -> &[u32] {
+        &self.ids[self.point_range(self.block_range(cells))]
     }
 
     /// How far below zero the shape functions of the points of cell `c` reach: where the mesh cuts a corner of the bone, points
@@ -178,31 +307,6 @@ impl PointShell {
     }
 }
 
-type Blocks = (Vec<u32>, Vec<Block>);
-
-fn cut_into_blocks(points: &[ShellPoint], cell_of: &[u32], ids: &[u32], n_cells: usize) -> Blocks {
-    let mut first_block = vec![0u32; n_cells + 1];
-    let mut blocks = Vec::new();
-    let mut first = 0;
-    for cell in ids.chunk_by(|a, b| cell_of[*a as usize] == cell_of[*b as usize]) {
-        for members in cell.chunks(BLOCK) {
-            let weights = members.iter().map(|&id| &points[id as usize].weights);
-            blocks.push(Block {
-                first,
-                len: members.len() as u32,
-                extent: BlockExtent::around(weights),
-            });
-            first += members.len() as u32;
-        }
-        first_block[cell_of[cell[0] as usize] as usize + 1] = blocks.len() as u32;
-    }
-    // Empty cells end where the last full one before them ended.
-    for c in 1..=n_cells {
-        first_block[c] = first_block[c].max(first_block[c - 1]);
-    }
-    (first_block, blocks)
-}
-
 impl BlockExtent {
     fn around<'a>(weights: impl Iterator<Item = &'a [f32; 4]>) -> Self {
         let (mut low, mut high) = ([f32::INFINITY; 4], [f32::NEG_INFINITY; 4]);
@@ -254,7 +358,7 @@ mod tests {
             area: 1.0,
             origin: PointOrigin::Surface,
         };
-        let points: Vec<_> = (0..6).map(point).collect();
+        let points = ShellPoints::new((0..6).map(point).collect());
         let shell = PointShell::group(&points, &[2, 0, u32::MAX, 2, 9, 0], 3);
         assert_eq!((shell.len(), shell.n_cells(), shell.n_ids()), (4, 3, 6));
         let ids = |c| {
@@ -274,6 +378,7 @@ mod tests {
         let mesh = block_mesh(Vec3::zeros(), Vec3::repeat(6.0), [2, 2, 2]);
         let points = boundary_points(&mesh, 12);
         let cells: Vec<u32> = points.iter().map(|p| p.tet).collect();
+        let points = ShellPoints::new(points.into());
         let shell = PointShell::group(&points, &cells, mesh.tets().len());
         assert_eq!(shell.len(), points.len());
         let mut widest = 0.0f32;

@@ -9,6 +9,7 @@ use super::system::System;
 use crate::bone::{FactorError, MaterialError, Supports, TetMaterial, free_motion};
 use crate::geometry::{TetLocator, TetMesh, Vec3};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Why a cracked body could not be made.
@@ -181,6 +182,33 @@ impl CrackedBody {
         }
     }
 
+    /// Loads as a sparse right-hand side: (unknown, force \[N\]), each unknown once.
+    pub fn sparse_loads<'a>(
+        &self,
+        loads: impl IntoIterator<Item = &'a CellForce>,
+    ) -> Vec<(u32, f64)> {
+        // Loads are many, cells few: summed by cell and corner before the unknowns are looked up.
+        let mut corners: BTreeMap<u32, [Vec3; 4]> = BTreeMap::new();
+        for l in loads {
+            let cell = corners.entry(l.cell).or_default();
+            let sums = cell.iter_mut().zip(l.weights);
+            sums.for_each(|(sum, w)| *sum += l.force * w);
+        }
+        let mut pushed = Vec::new();
+        for (cell, forces) in &corners {
+            let cell = &self.topology.cells()[*cell as usize];
+            self.system
+                .push_corner_forces(&self.solid.mesh, cell, forces, &mut pushed);
+        }
+        pushed.sort_by_key(|p| p.0);
+        pushed.dedup_by(|later, kept| {
+            let same = later.0 == kept.0;
+            kept.1 += if same { later.1 } else { 0.0 };
+            same
+        });
+        pushed
+    }
+
     /// The same loads on this body, where `old` is an earlier state of it: same place, same side.
     pub fn carry_loads(&self, old: &Self, loads: &[CellForce]) -> Vec<CellForce> {
         let carry = |l: &CellForce| {
@@ -197,11 +225,8 @@ impl CrackedBody {
 
     /// The work f . u of loads with the displacements that they cause: twice the elastic energy \[N mm\].
     pub fn work(&self, loads: &[CellForce]) -> f64 {
-        let mut x = vec![0.0; self.system.n()];
-        self.add_loads(loads, &mut x);
-        let f = x.clone();
-        self.system.solve(&mut x, &mut self.system.scratch());
-        f.iter().zip(&x).map(|(f, x)| f * x).sum()
+        let half = self.system.half_solve(&[self.sparse_loads(loads)]);
+        half.compliance(&half)[0]
     }
 
     /// What growing from `before` to this body costs: effective area \[mm2\] and energy \[N mm\] of the new faces.

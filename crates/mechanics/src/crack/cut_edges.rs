@@ -2,6 +2,7 @@ use super::fragments::UnionFind;
 use crate::geometry::{
     Aabb, TetLocator, TetMesh, TriMesh, Vec3, closest_on_triangle, segment_crosses,
 };
+use rustc_hash::FxHashSet;
 
 /// The state of the crack as mechanics knows it: which mesh edges it has crossed, and where.
 ///
@@ -188,12 +189,16 @@ impl CutEdges {
             let Some(normal) = sheet.area_normal(t).try_normalize(1e-12) else {
                 continue;
             };
-            locator.tets_near(&Aabb::around(&triangle).grown(largest), |tet| {
+            let around = Aabb::around(&triangle).grown(largest);
+            locator.tets_near(&around, |tet| {
                 for &n in &mesh.tets()[tet as usize] {
                     let (p, snap) = (&mesh.nodes()[n as usize], self.snap[n as usize]);
+                    if self.seated[n as usize] || !around.contains(p) {
+                        continue;
+                    }
                     let w = closest_on_triangle(p, &triangle);
                     let offset = p - (0..3).map(|k| triangle[k] * w[k]).sum::<Vec3>();
-                    if !self.seated[n as usize] && offset.norm() < snap {
+                    if offset.norm() < snap {
                         let side = if offset.dot(&normal) < 0.0 { -1.0 } else { 1.0 };
                         let seat = p + normal * (side * snap - offset.dot(&normal));
                         nearest.push((n, offset.norm(), seat));
@@ -220,21 +225,19 @@ impl CutEdges {
             self.crossing[e as usize] = s.clamp(SNAP, 1.0 - SNAP);
         }
         loop {
-            let mut parts = self.components(mesh);
-            let mut size = vec![0usize; mesh.nodes().len()];
-            (0..mesh.nodes().len()).for_each(|i| size[parts.find(i)] += 1);
-            let before = fresh.len();
-            fresh.retain(|&(e, _)| {
-                let [a, b] = mesh.edges()[e as usize].map(|n| parts.find(n as usize));
-                let crumbles = a != b && size[a].min(size[b]) < chip_nodes;
-                if crumbles {
-                    self.crossing[e as usize] = f64::NAN;
-                }
-                !crumbles
-            });
-            if fresh.len() == before {
+            let mut pieces = Pieces::new(self, mesh, chip_nodes);
+            let crumbles: Vec<bool> = fresh.iter().map(|f| pieces.crumble(f.0)).collect();
+            if !crumbles.contains(&true) {
                 break;
             }
+            let mut keep = crumbles.iter().map(|c| !c);
+            fresh.retain(|&(e, _)| {
+                let kept = keep.next().unwrap_or(true);
+                if !kept {
+                    self.crossing[e as usize] = f64::NAN;
+                }
+                kept
+            });
         }
         self.n_cut += fresh.len();
         fresh.into_iter().map(|(e, _)| e).collect()
@@ -249,6 +252,58 @@ impl CutEdges {
             }
         }
         parts
+    }
+}
+
+/// Tells chips from larger pieces by walking over uncut edges, never farther than the size of a chip.
+struct Pieces<'a> {
+    cuts: &'a CutEdges,
+    mesh: &'a TetMesh,
+    chip_nodes: usize,
+    /// Nodes known to lie in a large piece.
+    large: FxHashSet<u32>,
+}
+
+impl<'a> Pieces<'a> {
+    fn new(cuts: &'a CutEdges, mesh: &'a TetMesh, chip_nodes: usize) -> Self {
+        Self {
+            cuts,
+            mesh,
+            chip_nodes,
+            large: FxHashSet::default(),
+        }
+    }
+
+    /// Whether a cut edge parts a chip from the rest.
+    fn crumble(&mut self, e: u32) -> bool {
+        let [a, b] = self.mesh.edges()[e as usize];
+        let parted = |chip: Option<Vec<u32>>, other: u32| chip.is_some_and(|c| !c.contains(&other));
+        parted(self.chip(a), b) || parted(self.chip(b), a)
+    }
+
+    /// The nodes of the piece that holds `start`, if there are fewer than those of a chip.
+    fn chip(&mut self, start: u32) -> Option<Vec<u32>> {
+        let mut found = vec![start];
+        let mut next = 0;
+        while let Some(&n) = found.get(next) {
+            next += 1;
+            if self.large.contains(&n) || found.len() >= self.chip_nodes {
+                self.large.extend(found);
+                return None;
+            }
+            for &t in self.mesh.tets_of_node(n as usize) {
+                for e in self.mesh.tet_edges()[t as usize] {
+                    let [a, b] = self.mesh.edges()[e as usize];
+                    if (a == n || b == n) && !self.cuts.is_cut(e) {
+                        let other = if a == n { b } else { a };
+                        if !found.contains(&other) {
+                            found.push(other);
+                        }
+                    }
+                }
+            }
+        }
+        (found.len() < self.chip_nodes).then_some(found)
     }
 }
 

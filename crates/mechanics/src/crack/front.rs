@@ -2,7 +2,7 @@
 use super::cut_polygon::face_pieces;
 use super::stress_intensity::Fields;
 use super::surface::{Front, Sheet};
-use crate::geometry::{Aabb, SpatialHash, TetMesh, Vec3};
+use crate::geometry::{Aabb, TetMesh, Vec3};
 use rustc_hash::FxHashMap;
 
 /// Half width of the hat that averages frames along the front, in element sizes.
@@ -23,7 +23,18 @@ pub(super) struct FrontLine {
     /// dq/dt . t \[1/mm\]: positive where the crack is convex.
     pub(super) curvature: Vec<f64>,
     pub(super) closed_length: Option<f64>,
-    segments: SpatialHash,
+    segments: Vec<Segment>,
+    bounds: Aabb,
+}
+
+/// A straight piece of the line.
+struct Segment {
+    begin: Vec3,
+    along: Vec3,
+    per_length_squared: f64,
+    /// Arc length where it begins, and its own.
+    arc: f64,
+    length: f64,
 }
 
 /// A place beside a front: distance, arc length, and the two coordinates across it in the frame there.
@@ -56,7 +67,8 @@ impl FrontLine {
             normal: Vec::new(),
             curvature: Vec::new(),
             closed_length: front.closed.then_some(0.0),
-            segments: SpatialHash::default(),
+            segments: Vec::new(),
+            bounds: Aabb::EMPTY,
         };
         line.measure();
         line.set_frames(&raw_normals(sheet, front), h);
@@ -64,7 +76,7 @@ impl FrontLine {
         line
     }
 
-    /// Arc lengths and the index of segments.
+    /// Arc lengths and segments.
     fn measure(&mut self) {
         let n = self.points.len();
         self.arc = vec![0.0];
@@ -75,16 +87,20 @@ impl FrontLine {
         let gap = (self.points[0] - self.points[n - 1]).norm();
         let total = self.arc[n - 1];
         self.closed_length = self.closed_length.map(|_| total + gap);
-        let boxes: Vec<_> = (0..self.n_segments())
+        self.bounds = Aabb::around(&self.points);
+        self.segments = (0..self.n_segments())
             .map(|k| {
-                (
-                    k as u32,
-                    Aabb::around(&[self.points[k], self.points[(k + 1) % n]]),
-                )
+                let (begin, end, arc) = self.segment(k);
+                let along = end - begin;
+                Segment {
+                    begin,
+                    along,
+                    per_length_squared: along.norm_squared().max(1e-18).recip(),
+                    arc,
+                    length: along.norm(),
+                }
             })
             .collect();
-        let mean = self.closed_length.unwrap_or(total) / boxes.len().max(1) as f64;
-        self.segments = SpatialHash::build(4.0 * mean.max(1e-6), &boxes);
     }
 
     pub(super) fn n_segments(&self) -> usize {
@@ -205,19 +221,20 @@ impl FrontLine {
 
     /// Distance to the front and arc length of its nearest point; `None` beyond `reach`.
     pub(super) fn project(&self, p: &Vec3, reach: f64) -> Option<(f64, f64)> {
-        let mut best: Option<(f64, f64)> = None;
-        self.segments
-            .query(&Aabb { min: *p, max: *p }.grown(reach), |k| {
-                let (a, b, s) = self.segment(k as usize);
-                let d = b - a;
-                let w = ((p - a).dot(&d) / d.norm_squared().max(1e-18)).clamp(0.0, 1.0);
-                let found = ((a + d * w - p).norm(), s + w * d.norm());
-                // Ties go to the smaller arc length, whatever order the table has.
-                if found.0 < reach && best.is_none_or(|b| found < b) {
-                    best = Some(found);
-                }
-            });
-        best
+        if !self.bounds.grown(reach).contains(p) {
+            return None;
+        }
+        // Ties go to the smaller arc length.
+        let mut best = (reach * reach, None);
+        for segment in &self.segments {
+            let from = p - segment.begin;
+            let w = (from.dot(&segment.along) * segment.per_length_squared).clamp(0.0, 1.0);
+            let distance = (from - segment.along * w).norm_squared();
+            if distance < best.0 {
+                best = (distance, Some(segment.arc + w * segment.length));
+            }
+        }
+        best.1.map(|s| (best.0.sqrt(), s))
     }
 
     pub(super) fn place(&self, p: &Vec3, reach: f64) -> Option<(Place, LocalFrame)> {
@@ -230,19 +247,16 @@ impl FrontLine {
 
     /// Tetrahedra whose box comes within `reach` of the front, ascending.
     pub(super) fn tets_near(&self, fields: &Fields, reach: f64) -> Vec<u32> {
-        let mut tets = Vec::new();
+        let mut is_near = vec![false; fields.mesh.tets().len()];
         for k in 0..self.n_segments() {
             let (a, b, _) = self.segment(k);
             let query = Aabb::around(&[a, b]).grown(reach);
-            fields.locator.tets_near(&query, |t| tets.push(t));
-            if tets.len() > 1 << 16 {
-                tets.sort_unstable();
-                tets.dedup();
-            }
+            fields
+                .locator
+                .tets_near(&query, |t| is_near[t as usize] = true);
         }
-        tets.sort_unstable();
-        tets.dedup();
-        tets
+        let near = (0u32..).zip(is_near).filter(|t| t.1);
+        near.map(|t| t.0).collect()
     }
 
     /// For each vertex: share of its hat inside the body, and the integral of the hat there \[mm\].
@@ -330,14 +344,16 @@ impl FrontLine {
 
     /// Nodes of some tetrahedra within `reach` of the line, ascending.
     pub(super) fn nodes_near(&self, mesh: &TetMesh, tets: &[u32], reach: f64) -> Vec<NearNode> {
-        let mut nodes: Vec<u32> = tets.iter().flat_map(|&t| mesh.tets()[t as usize]).collect();
-        nodes.sort_unstable();
-        nodes.dedup();
-        let near = |node: u32| {
+        let mut is_candidate = vec![false; mesh.nodes().len()];
+        for n in tets.iter().flat_map(|&t| mesh.tets()[t as usize]) {
+            is_candidate[n as usize] = true;
+        }
+        let candidates = (0u32..).zip(is_candidate).filter(|n| n.1);
+        let near = |(node, _): (u32, bool)| {
             let (r, s) = self.project(&mesh.nodes()[node as usize], reach)?;
             Some(NearNode { node, r, s })
         };
-        nodes.into_iter().filter_map(near).collect()
+        candidates.filter_map(near).collect()
     }
 }
 

@@ -369,7 +369,11 @@ impl<'a> Domain<'a> {
         if !stations.iter_mut().enumerate().any(|s| is_driven(&s)) {
             return stations;
         }
-        let interaction = self.interaction_forces(&materials);
+        let driven: Vec<usize> = (stations.iter_mut().enumerate())
+            .filter(is_driven)
+            .map(|(k, _)| k)
+            .collect();
+        let interaction = self.interaction_forces(&materials, &self.wanted(&driven));
         for (k, s) in stations.iter_mut().enumerate().filter(is_driven) {
             let mode = |m: usize| {
                 self.sum(
@@ -497,8 +501,19 @@ impl<'a> Domain<'a> {
             .collect()
     }
 
-    /// The nodal vectors of the interaction with unit K_I, K_II and K_III.
-    fn interaction_forces(&self, materials: &[TetMaterial]) -> Vec<[Vec3; 3]> {
+    /// Which states enter the sums of the given vertices.
+    fn wanted(&self, vertices: &[usize]) -> Vec<bool> {
+        let mut nodes = vec![false; self.near.len()];
+        for (wanted, n) in nodes.iter_mut().zip(&self.near) {
+            let reaches = |k: &usize| self.line.hat(n.s, self.line.arc[*k], HAT * self.h) > 0.0;
+            *wanted = vertices.iter().any(reaches);
+        }
+        let of = |s: &CellState| s.places.iter().flatten().any(|p| nodes[*p as usize]);
+        self.states.iter().map(of).collect()
+    }
+
+    /// The nodal vectors of the interaction with unit K_I, K_II and K_III, from the wanted states.
+    fn interaction_forces(&self, materials: &[TetMaterial], wanted: &[bool]) -> Vec<[Vec3; 3]> {
         let mut c = vec![[Vec3::zeros(); 3]; self.near.len()];
         let lame_at = |s: f64| {
             let (a, b, w) = self.line.between(s);
@@ -508,7 +523,7 @@ impl<'a> Domain<'a> {
                 mu: a.mu * (1.0 - w) + b.mu * w,
             }
         };
-        for s in &self.states {
+        for (s, _) in self.states.iter().zip(wanted).filter(|s| *s.1) {
             let Some((place, frame, side)) = &s.at else {
                 continue;
             };
@@ -529,18 +544,24 @@ impl<'a> Domain<'a> {
             }
         }
         self.add_load_interaction(&lame_at, &mut c);
-        self.add_boundary_interaction(&lame_at, &mut c);
+        self.add_boundary_interaction(&lame_at, wanted, &mut c);
         c
     }
 
     /// Where q reaches the body's boundary the auxiliary field pulls at it: - int (grad u^T sigma_aux n - w n) . q, and where a
     /// support holds it, its reaction works on the auxiliary field. Without these, faces across the front turn K_I into K_III of
     /// either sign (18 % of K_I at the ends of an edge crack in plane strain).
-    fn add_boundary_interaction(&self, lame_at: &impl Fn(f64) -> Lame, c: &mut [[Vec3; 3]]) {
+    fn add_boundary_interaction(
+        &self,
+        lame_at: &impl Fn(f64) -> Lame,
+        wanted: &[bool],
+        c: &mut [[Vec3; 3]],
+    ) {
         let fields = self.fields;
         let mesh = fields.mesh;
         for (i, first) in self.states.iter().enumerate() {
-            if i > 0 && self.states[i - 1].tet == first.tet {
+            // The first of a tetrahedron's states stands for all: they have the same nodes.
+            if !wanted[i] || (i > 0 && self.states[i - 1].tet == first.tet) {
                 continue;
             }
             let t = first.tet as usize;

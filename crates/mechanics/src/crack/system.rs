@@ -296,14 +296,13 @@ impl System {
         self.factor.solve_region(region, x, scratch);
     }
 
-    /// A force \[N\] at the point of `cell` with shape functions `weights` as a sparse right-hand side for
-    /// [`half_solve`](Self::half_solve): (unknown, value), appended.
-    pub fn push_force(
+    /// Forces \[N\] at the four virtual nodes of `cell` as a sparse right-hand side for [`half_solve`](Self::half_solve):
+    /// (unknown, value), appended.
+    pub fn push_corner_forces(
         &self,
         mesh: &TetMesh,
         cell: &Cell,
-        weights: &[f64; 4],
-        force: &Vec3,
+        forces: &[Vec3; 4],
         column: &mut Vec<(u32, f64)>,
     ) {
         let nodes = &mesh.tets()[cell.tet as usize];
@@ -312,7 +311,7 @@ impl System {
                 for axis in 0..3 {
                     let i = 3 * b + axis;
                     if self.held.is_empty() || !self.is_held(i) {
-                        column.push((i, weights[k] * force[axis as usize]));
+                        column.push((i, forces[k][axis as usize]));
                     }
                 }
             }
@@ -327,16 +326,37 @@ impl System {
         }
         let mut x = before.to_vec();
         x.resize(self.n(), 0.0);
+        // Without jumps a node's cells drag as one.
+        for (n, drag) in self.base.drag.iter().enumerate() {
+            let around = mesh.tets_of_node(n).iter();
+            let volume: f64 = around.map(|t| mesh.volumes()[*t as usize]).sum();
+            self.add_node_force(n, &(self.displacement(n, &x) * (drag * volume)), rhs);
+        }
         for cell in topology.cells() {
-            let t = cell.tet as usize;
-            let u = self.cell_displacements(mesh, cell, &x);
-            for (a, n) in mesh.tets()[t].into_iter().enumerate() {
-                let stiffness = self.base.drag[n as usize] * mesh.volumes()[t] * cell.fraction;
-                let mut at = [0.0; 4];
-                at[a] = 1.0;
-                self.add_force(mesh, cell, &at, &(u[a] * stiffness), rhs);
+            let jumps = cell.enrichment.iter().any(|e| *e != STANDARD);
+            if jumps {
+                self.add_jump_drag(mesh, cell, &x, rhs);
             }
         }
+    }
+
+    /// The part of a cell's drag that its enrichments take part in.
+    fn add_jump_drag(&self, mesh: &TetMesh, cell: &Cell, x: &[f64], rhs: &mut [f64]) {
+        let t = cell.tet as usize;
+        let u = self.cell_displacements(mesh, cell, x);
+        let mut forces = Vec::new();
+        for (a, n) in mesh.tets()[t].into_iter().enumerate() {
+            if cell.enrichment[a] == STANDARD {
+                continue;
+            }
+            let stiffness = self.base.drag[n as usize] * mesh.volumes()[t] * cell.fraction;
+            let mut at_node = [Vec3::zeros(); 4];
+            at_node[a] = u[a] * stiffness;
+            self.push_corner_forces(mesh, cell, &at_node, &mut forces);
+            let counted = self.displacement(n as usize, x) * stiffness;
+            self.add_node_force(n as usize, &-counted, rhs);
+        }
+        forces.iter().for_each(|(i, f)| rhs[*i as usize] += f);
     }
 
     /// The forward half of a solve for sparse right-hand sides B: [`HalfSolved::compliance`] of two of them is B^T K^-1 C.
@@ -363,6 +383,17 @@ impl System {
                         rhs[i as usize] += weights[k] * force[axis as usize];
                     }
                 }
+            }
+        }
+    }
+
+    /// Adds a force \[N\] on the unknowns of node `i` alone.
+    fn add_node_force(&self, i: usize, force: &Vec3, rhs: &mut [f64]) {
+        let block = self.base.block_of_node[i];
+        if block != FIXED {
+            let axes = (3 * block..).zip(force.iter());
+            for (k, f) in axes.filter(|(k, _)| !self.is_held(*k)) {
+                rhs[k as usize] += f;
             }
         }
     }

@@ -1,12 +1,12 @@
 use super::crack_faces::CrackFaces;
-use super::walls::{in_kerf, push_walls, side_cells};
-use crate::contact::{PointShell, ShellPoint};
+use super::walls::{in_kerf, push_walls, side_cell, tets_with};
+use crate::contact::{PointShell, RenewedCells, ShellPoint, ShellPoints};
 use crate::crack::stress_intensity::CellForce;
-use crate::crack::{BodyError, CrackSurface, CrackedBody, Solid};
+use crate::crack::{BodyError, CrackSurface, CrackedBody, Solid, bridging_edges};
 use crate::geometry::{SignedDistance, Vec3};
 use nalgebra::Matrix3x4;
-use std::ops::Deref;
-use std::sync::Arc;
+use std::ops::{Deref, Range};
+use std::sync::{Arc, OnceLock};
 
 /// The space that the bone fills.
 #[derive(Clone)]
@@ -42,14 +42,15 @@ pub struct Bone {
     pub body: Arc<Body>,
     /// Crack, cuts, cells, equations, pieces.
     pub cracked: CrackedBody,
-    /// Surface and wall points; only ever appended.
-    pub points: Vec<ShellPoint>,
+    /// Surface and wall points.
+    pub points: ShellPoints,
     /// The same, sorted by cell.
     pub shell: Arc<PointShell>,
     /// Where the two faces of the crack may press on each other.
     pub faces: Arc<CrackFaces>,
     /// For each sheet, how many of its triangles already carry wall points.
-    pub(super) walled: Vec<usize>,
+    walled: Vec<usize>,
+    bridge: OnceLock<Option<Vec<u32>>>,
 }
 
 /// What is computed on a bone: the deformation under the present load.
@@ -77,36 +78,84 @@ impl Bone {
     pub fn new(body: Arc<Body>, crack: CrackSurface) -> Result<Self, BodyError> {
         let cracked = CrackedBody::new(body.solid.clone(), crack)?;
         let kept = |p: &&ShellPoint| !in_kerf(&cracked.crack, &p.position);
-        let points = body.surface.iter().filter(kept).copied().collect();
-        let walled = vec![0; cracked.crack.sheets.len()];
-        Ok(Self::assemble(0, body, cracked, points, walled))
-    }
-
-    /// The next generation: shell and crack faces for a grown crack.
-    pub(super) fn assemble(
-        generation: u32,
-        body: Arc<Body>,
-        cracked: CrackedBody,
-        mut points: Vec<ShellPoint>,
-        mut walled: Vec<usize>,
-    ) -> Self {
-        for (sheet, done) in cracked.crack.sheets.iter().zip(&mut walled) {
-            push_walls(&body, sheet, *done, &mut points);
-            *done = sheet.mesh.triangles.len();
-        }
-        let cell_of = side_cells(&body, &cracked.topology, &points);
-        let shell = PointShell::group(&points, &cell_of, cracked.topology.cells().len());
-        let (cuts, topology) = (&cracked.cuts, &cracked.topology);
-        let faces = CrackFaces::new(&body.mesh, cuts, topology, &cracked.crack);
-        Self {
-            generation,
-            faces: Arc::new(faces),
-            shell: Arc::new(shell),
+        let surface = body.surface.iter().filter(kept).copied().collect();
+        let mut bone = Self {
+            generation: 0,
+            points: ShellPoints::new(surface),
+            shell: Arc::default(),
+            faces: Arc::default(),
+            walled: vec![0; cracked.crack.sheets.len()],
+            bridge: OnceLock::new(),
             body,
             cracked,
-            points,
-            walled,
+        };
+        bone.push_walls();
+        let n_cells = bone.topology.cells().len();
+        let cell_of: Vec<u32> = (0..bone.points.len() as u32)
+            .map(|id| bone.cell_of(id))
+            .collect();
+        bone.shell = Arc::new(PointShell::group(&bone.points, &cell_of, n_cells));
+        bone.faces = Arc::new(CrackFaces::new(&bone.cracked));
+        Ok(bone)
+    }
+
+    /// The next generation: shell and crack faces for a grown crack, which are made anew only where it grew.
+    pub(super) fn grown(&self, cracked: CrackedBody) -> Self {
+        let mut bone = Self {
+            generation: self.generation + 1,
+            body: self.body.clone(),
+            points: self.points.clone(),
+            shell: Arc::default(),
+            faces: Arc::new(self.faces.grown(&self.cracked, &cracked)),
+            walled: self.walled.clone(),
+            bridge: OnceLock::new(),
+            cracked,
+        };
+        bone.push_walls();
+        let fresh = self.points.len() as u32..bone.points.len() as u32;
+        bone.shell = Arc::new(bone.regrouped(self, fresh));
+        bone
+    }
+
+    fn push_walls(&mut self) {
+        let sheets = &self.cracked.crack.sheets;
+        for (sheet, done) in sheets.iter().zip(&mut self.walled) {
+            push_walls(&self.body, sheet, *done, self.points.walls_mut());
+            *done = sheet.mesh.triangles.len();
         }
+    }
+
+    fn cell_of(&self, id: u32) -> u32 {
+        side_cell(&self.body, &self.topology, self.points.get(id))
+    }
+
+    /// The shell of an earlier generation, sorted anew in tetrahedra that were divided or hold a point from `fresh`.
+    fn regrouped(&self, old: &Self, fresh: Range<u32>) -> PointShell {
+        let fresh = tets_with(&self.points, fresh);
+        let divided = |t: &u32| old.topology.cells_of(*t).len() != self.topology.cells_of(*t).len();
+        let changed =
+            (0..self.body.mesh.tets().len() as u32).filter(|t| fresh.contains_key(t) || divided(t));
+        let renewed = changed.map(|t| {
+            let cells = old.topology.cells_of(t);
+            let points = old.shell.ids_in(cells.clone()).iter();
+            let points = points.chain(fresh.get(&t).into_iter().flatten());
+            RenewedCells {
+                old: cells,
+                new: self.topology.cells_of(t),
+                members: points.map(|&id| (self.cell_of(id), id)).collect(),
+            }
+        });
+        old.shell.regrouped(&self.points, renewed.collect())
+    }
+
+    /// The edges that still hold the two ends together, if there are at most `limit` of them; see [`bridging_edges`]. The
+    /// first answer of a generation is kept, so `limit` must not change.
+    pub(super) fn bridge(&self, limit: usize) -> Option<&[u32]> {
+        let [source, sink] = &self.body.ends;
+        let found = self
+            .bridge
+            .get_or_init(|| bridging_edges(&self.body.mesh, &self.cuts, source, sink, limit));
+        found.as_deref()
     }
 
     /// The bone at rest.
@@ -195,5 +244,85 @@ impl Body {
                 .find_near(&self.mesh, p, reach * self.lengths.h)
         };
         [0.25, 0.5, 1.0, 2.0].into_iter().find_map(near)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bone::{Supports, TetMaterial};
+    use crate::contact::boundary_points;
+    use crate::crack::growth::GrowthLengths;
+    use crate::crack::{LinePoint, Sheet};
+    use crate::geometry::{Aabb, TetLocator, block_mesh};
+
+    /// A block of 12 mm.
+    struct Block;
+
+    impl SignedDistance for Block {
+        fn signed(&self, p: &Vec3) -> f64 {
+            p.iter()
+                .fold(f64::NEG_INFINITY, |m, c| m.max((c - 6.0).abs() - 6.0))
+        }
+
+        fn bounds(&self) -> Aabb {
+            Aabb::around(&[Vec3::zeros(), Vec3::repeat(12.0)])
+        }
+    }
+
+    fn sawn_block() -> Bone {
+        let mesh = block_mesh(Vec3::zeros(), Vec3::repeat(12.0), [6, 6, 6]);
+        let supports = Supports {
+            ground_spring: 1.0,
+            ..Default::default()
+        };
+        let solid = Solid {
+            locator: TetLocator::new(&mesh),
+            materials: vec![TetMaterial::isotropic(1000.0, 0.3, 0.1); mesh.tets().len()],
+            lengths: GrowthLengths::for_element_size(mesh.mean_edge_length()),
+            supports,
+            mesh,
+        };
+        let point = |z: f64| LinePoint {
+            at: Vec3::new(0.0, 5.3, z),
+            toward: Vec3::x(),
+            depth: 4.0,
+        };
+        let line = [point(0.0), point(6.0), point(12.0)];
+        let saw = Sheet::ribbon("saw", &line, 0.6, 1.0, 1.0);
+        let body = Body {
+            surface: boundary_points(&solid.mesh, 6),
+            ends: [vec![0], vec![6]],
+            region: Region(Arc::new(Block)),
+            wall_density: 10.0,
+            solid: Arc::new(solid),
+        };
+        Bone::new(Arc::new(body), CrackSurface { sheets: vec![saw] }).unwrap()
+    }
+
+    /// A shell and face pairs that were kept but where the crack grew are those that would be made from the start.
+    #[test]
+    fn grown_parts_equal_new_ones() {
+        let mut bone = sawn_block();
+        for step in 1..=3 {
+            let fronts = bone.fronts();
+            let n = fronts[0].vertices.len();
+            let moves: Vec<_> = (0..n)
+                .map(|k| Vec3::x() * (1.0 + 0.6 * k as f64 / n as f64))
+                .collect();
+            let growth = bone.advanced(&[(&fronts[0], &moves)]);
+            assert!(!growth.newly_cut.is_empty(), "step {step} cuts nothing");
+            let n_walls = bone.points.len();
+            bone = bone.grown(bone.cracked.grown(growth).unwrap());
+            assert!(bone.points.len() > n_walls);
+            let cell_of: Vec<u32> = (0..bone.points.len() as u32)
+                .map(|id| bone.cell_of(id))
+                .collect();
+            let n_cells = bone.topology.cells().len();
+            let shell = PointShell::group(&bone.points, &cell_of, n_cells);
+            assert_eq!(format!("{shell:?}"), format!("{:?}", bone.shell));
+            let faces = CrackFaces::new(&bone.cracked);
+            assert_eq!(format!("{faces:?}"), format!("{:?}", bone.faces));
+        }
     }
 }

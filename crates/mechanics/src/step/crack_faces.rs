@@ -5,8 +5,8 @@
 //! kept factor, the penalty is solved implicitly (projected Gauss-Seidel) and never limits the relaxation.
 use crate::bone::SolveScratch;
 use crate::crack::stress_intensity::CellForce;
-use crate::crack::{Cell, CrackSurface, CutEdges, System, Topology, cut_area};
-use crate::geometry::{TetMesh, Vec3};
+use crate::crack::{Cell, CrackedBody, CutEdges, System, Topology, cut_area};
+use crate::geometry::{Aabb, TetMesh, Vec3};
 
 /// One pair of opposite points.
 #[derive(Clone, Copy, Debug)]
@@ -20,31 +20,58 @@ struct FacePair {
     area: f64,
 }
 
+/// The crack in one divided tetrahedron.
+#[derive(Clone, Copy, Debug)]
+struct Divided {
+    tet: u32,
+    area: f64,
+    /// If it is divided in two.
+    pair: Option<FacePair>,
+}
+
 /// The face pairs of a bone generation.
 #[derive(Clone, Debug, Default)]
 pub struct CrackFaces {
+    divided: Vec<Divided>,
     pairs: Vec<FacePair>,
-    area: f64,
 }
 
 impl CrackFaces {
     /// Places a pair in each tetrahedron that the crack divides in two.
-    pub fn new(mesh: &TetMesh, cuts: &CutEdges, topology: &Topology, crack: &CrackSurface) -> Self {
-        let pairs = (0..mesh.tets().len() as u32)
-            .filter(|&t| topology.cells_of(t).len() == 2)
-            .filter_map(|t| pair(mesh, cuts, topology, crack, t))
-            .collect();
-        let area = topology
-            .cells()
-            .chunk_by(|a, b| a.tet == b.tet)
-            .map(|c| divided_area(mesh, cuts, c))
-            .sum();
-        Self { pairs, area }
+    pub fn new(body: &CrackedBody) -> Self {
+        Self::of(divided_tets(body).map(|t| Divided::new(body, t)))
+    }
+
+    /// The faces of a body that has grown from `before`, whose faces these are. Where the crack grew they are made anew: what
+    /// was cut ahead of the front has now its own sheet.
+    pub fn grown(&self, before: &CrackedBody, body: &CrackedBody) -> Self {
+        let beside = tets_beside_growth(before, body);
+        let mut known = self.divided.iter().peekable();
+        Self::of(divided_tets(body).map(|t| {
+            let old = known.next_if(|d| d.tet == t);
+            let cells = body.topology.cells_of(t);
+            match old {
+                Some(old)
+                    if before.topology.cells_of(t).len() == cells.len() && !beside[t as usize] =>
+                {
+                    old.renumbered(cells.start as u32)
+                }
+                _ => Divided::new(body, t),
+            }
+        }))
+    }
+
+    fn of(divided: impl Iterator<Item = Divided>) -> Self {
+        let divided: Vec<Divided> = divided.collect();
+        Self {
+            pairs: divided.iter().filter_map(|d| d.pair).collect(),
+            divided,
+        }
     }
 
     /// Area of the crack inside the body: the cut polygons of all divided tetrahedra \[mm2\].
     pub fn area(&self) -> f64 {
-        self.area
+        self.divided.iter().map(|d| d.area).sum()
     }
 
     /// How many pairs there are.
@@ -69,6 +96,45 @@ impl CrackFaces {
             .iter()
             .map(|p| p.gap + p.jump(mesh, topology, system, x))
             .collect()
+    }
+}
+
+fn divided_tets(body: &CrackedBody) -> impl Iterator<Item = u32> {
+    let tets = 0..body.solid.mesh.tets().len() as u32;
+    tets.filter(|t| body.topology.cells_of(*t).len() > 1)
+}
+
+/// Which tetrahedra lie beside triangles that `before` did not have: their nearest sheet may be another.
+fn tets_beside_growth(before: &CrackedBody, body: &CrackedBody) -> Vec<bool> {
+    let solid = &body.solid;
+    let mut beside = vec![false; solid.mesh.tets().len()];
+    for (new, old) in body.crack.sheets.iter().zip(&before.crack.sheets) {
+        for t in old.mesh.triangles.len()..new.mesh.triangles.len() {
+            let around = Aabb::around(&new.mesh.corners(t)).grown(2.0 * solid.lengths.h);
+            (solid.locator).tets_near(&around, |t| beside[t as usize] = true);
+        }
+    }
+    beside
+}
+
+impl Divided {
+    fn new(body: &CrackedBody, tet: u32) -> Self {
+        let cells = body.topology.cells_of(tet);
+        let both = cells.len() == 2;
+        Self {
+            tet,
+            area: divided_area(&body.solid.mesh, &body.cuts, &body.topology.cells()[cells]),
+            pair: both.then(|| pair(body, tet)).flatten(),
+        }
+    }
+
+    /// The same in a topology where its cells begin at `first`.
+    fn renumbered(&self, first: u32) -> Self {
+        let cells = [first, first + 1];
+        Self {
+            pair: self.pair.map(|p| FacePair { cells, ..p }),
+            ..*self
+        }
     }
 }
 
@@ -97,26 +163,18 @@ impl FacePair {
 
 /// Cut area of a tetrahedron: half the sum over its cells of the polygon that bounds each.
 fn divided_area(mesh: &TetMesh, cuts: &CutEdges, cells: &[Cell]) -> f64 {
-    if cells.len() < 2 {
-        return 0.0;
-    }
     0.5 * cells
         .iter()
         .map(|c| cut_area(mesh, cuts, c).1.norm())
         .sum::<f64>()
 }
 
-fn pair(
-    mesh: &TetMesh,
-    cuts: &CutEdges,
-    topology: &Topology,
-    crack: &CrackSurface,
-    t: u32,
-) -> Option<FacePair> {
+fn pair(body: &CrackedBody, t: u32) -> Option<FacePair> {
+    let (mesh, topology, crack) = (&body.solid.mesh, &body.topology, &body.crack);
     let cells = topology.cells_of(t);
     let mask = topology.cells()[cells.start].mask;
     let inside = |k: usize| mask >> k & 1 == 1;
-    let (centre, area_normal) = cut_area(mesh, cuts, &topology.cells()[cells.start]);
+    let (centre, area_normal) = cut_area(mesh, &body.cuts, &topology.cells()[cells.start]);
     let mut normal = area_normal.try_normalize(1e-12)?;
     let x = mesh.corners(t as usize);
     let own: Vec3 = (0..4)

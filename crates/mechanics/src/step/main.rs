@@ -83,9 +83,9 @@ pub struct MainState {
     faces: FaceContact,
     solve: SolveScratch,
     acceleration: Acceleration,
-    yielding: Yielding,
+    yielding: Option<Yielding>,
     trial: Vec<f64>,
-    /// The soft tissue's pull towards where the bone was at the start of the step.
+    /// What the soft tissue's pull towards where the bone was at the start of the step does to it.
     drag: Vec<f64>,
 }
 
@@ -100,7 +100,7 @@ impl MainState {
             faces: FaceContact::default(),
             solve: bone.system.scratch(),
             acceleration: Acceleration::default(),
-            yielding: Yielding::default(),
+            yielding: None,
             trial: Vec::new(),
             drag: Vec::new(),
             bone: state,
@@ -148,6 +148,7 @@ pub fn main_step(
     state.drag.resize(bone.system.n(), 0.0);
     let (mesh, topology) = (&bone.body.mesh, &bone.topology);
     (bone.system).add_drag(mesh, topology, &state.bone.x, &mut state.drag);
+    bone.system.solve(&mut state.drag, &mut state.solve);
     let mut iterations = 0;
     loop {
         iterations += 1;
@@ -246,14 +247,18 @@ fn solve_bone(
     if is_first {
         let points: Vec<_> = forces.iter().map(|f| (f.point, load(f))).collect();
         let patches = patches(model, input, tools, points, state.tools.contacts(0).len());
-        state.yielding.prepare(bone, &patches, &mut state.solve);
+        state.yielding = Yielding::new(bone, &patches);
     }
     let mut x = std::mem::take(&mut state.trial);
     x.clear();
-    x.extend_from_slice(&state.drag);
-    bone.add_loads(loads.iter().map(|l| &l.0), &mut x);
+    x.resize(bone.system.n(), 0.0);
+    let pushed = bone.sparse_loads(loads.iter().map(|l| &l.0));
+    pushed.iter().for_each(|(i, f)| x[*i as usize] += f);
+    if let Some(yielding) = &state.yielding {
+        yielding.correct(bone, &pushed, &state.drag, &state.bone.x, &mut x);
+    }
     bone.system.solve(&mut x, &mut state.solve);
-    state.yielding.apply(&mut x, &state.bone.x);
+    x.iter_mut().zip(&state.drag).for_each(|(x, d)| *x += d);
     let pressures = state.faces.press(
         bone.generation,
         &bone.faces,

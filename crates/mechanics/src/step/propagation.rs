@@ -3,7 +3,7 @@ use super::bone::{Bone, BoneState};
 use crate::crack::growth::Drive;
 use crate::crack::load_control::FrontDrives;
 use crate::crack::stress_intensity::Station;
-use crate::crack::{BodyError, EvaluatedFront, Front, bridging_edges};
+use crate::crack::{BodyError, EvaluatedFront, Front};
 use crate::geometry::Vec3;
 
 /// How the propagation step behaves.
@@ -110,13 +110,7 @@ pub fn propagation_step(
         return Ok((None, report));
     };
     report.advanced = true;
-    let next = Bone::assemble(
-        bone.generation + 1,
-        body.clone(),
-        grown,
-        bone.points.clone(),
-        bone.walled.clone(),
-    );
+    let next = bone.grown(grown);
     Ok((Some(next), report))
 }
 
@@ -152,13 +146,11 @@ fn ligament(
     settings: &PropagationSettings,
 ) -> Result<Option<(usize, Trial)>, BodyError> {
     let body = &bone.body;
-    let [source, sink] = &body.ends;
-    let limit = settings.ligament_edges;
-    let Some(edges) = bridging_edges(&body.mesh, &bone.cuts, source, sink, limit) else {
+    let Some(edges) = bone.bridge(settings.ligament_edges) else {
         return Ok(None);
     };
     let mut growth = bone.advanced(&[]);
-    growth.tear(&body.mesh, &edges);
+    growth.tear(&body.mesh, edges);
     let torn = balance.weigh(growth)?;
     // Whatever is larger than the domain of the integrals is a crack front's business, not a ligament's.
     let largest = LARGEST_LIGAMENT * body.lengths.h * body.lengths.h;

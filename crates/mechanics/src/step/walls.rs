@@ -1,8 +1,10 @@
 //! Points on the walls of the crack: what a chisel pushes on.
 use super::bone::Body;
-use crate::contact::{PointOrigin, ShellPoint};
+use crate::contact::{PointOrigin, ShellPoint, ShellPoints};
 use crate::crack::{CrackSurface, Sheet, Topology};
 use crate::geometry::Vec3;
+use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// Appends points on both walls of the sheet's triangles from `first` on, wherever they lie inside the body.
 pub fn push_walls(body: &Body, sheet: &Sheet, first: usize, points: &mut Vec<ShellPoint>) {
@@ -51,17 +53,23 @@ fn spread(k: u32, n: u32) -> [f64; 3] {
     [1.0 - root, root * (1.0 - b), root * b]
 }
 
-/// The cell of each point.
-pub fn side_cells(body: &Body, topology: &Topology, points: &[ShellPoint]) -> Vec<u32> {
-    points
-        .iter()
-        .map(|p| match p.origin {
-            PointOrigin::Surface => topology.cell_at(p.tet, &p.weights.map(f64::from)),
-            PointOrigin::Wall { normal } => {
-                topology.cell_towards(&body.mesh, p.tet, &p.position, &-normal)
-            }
-        })
-        .collect()
+/// The cell of a point.
+pub fn side_cell(body: &Body, topology: &Topology, p: &ShellPoint) -> u32 {
+    match p.origin {
+        PointOrigin::Surface => topology.cell_at(p.tet, &p.weights.map(f64::from)),
+        PointOrigin::Wall { normal } => {
+            topology.cell_towards(&body.mesh, p.tet, &p.position, &-normal)
+        }
+    }
+}
+
+/// The tetrahedra that hold some points, with the points that each holds.
+pub fn tets_with(points: &ShellPoints, ids: Range<u32>) -> BTreeMap<u32, Vec<u32>> {
+    let mut held: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for id in ids {
+        held.entry(points.get(id).tet).or_default().push(id);
+    }
+    held
 }
 
 /// Whether the saw took the material at `p`.

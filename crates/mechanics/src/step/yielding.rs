@@ -3,23 +3,26 @@
 //! A sweep solves the bone under forces that were computed for where it stood. Stiffly held tools against a soft fragment
 //! then overshoot more with each sweep. Here each tool's contacts are taken as one patch that moves with the bone as a rigid
 //! body; as the patch moves, the wrench on it falls by the virtual coupling's own stiffness S. With B the unknowns' forces of
-//! a unit wrench on the patch, the sweep becomes (K + B S B^T) x = F + B S B^T x_old, solved with the kept factor of K by
-//! the formula of Sherman, Morrison and Woodbury (twelve columns a main step). Its fixed point is the same.
+//! a unit wrench on the patch, the sweep becomes (K + B S B^T) x = F + B S B^T x_old. By the formula of Sherman, Morrison and
+//! Woodbury that is K x = F + B q, with q from the compliance C = B^T K^-1 B, and for C the forward half of a solve is
+//! enough. Its fixed point is that of the plain sweep.
 use super::bone::Bone;
-use crate::bone::SolveScratch;
+use crate::bone::HalfSolved;
 use crate::contact::Matrix6;
 use crate::crack::stress_intensity::CellForce;
 use crate::geometry::{Pose, Vec3};
 use nalgebra::{DMatrix, DVector, Matrix6x3, Vector6};
+use std::collections::BTreeMap;
 
 /// The tools' yielding in one main step.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Yielding {
-    n: usize,
-    /// B and K^-1 B, column by column.
-    forces: Vec<f64>,
-    columns: Vec<f64>,
-    /// (I + S C)^-1 S with C = B^T K^-1 B.
+    /// B, column by column: (unknown, value).
+    forces: Vec<Vec<(u32, f64)>>,
+    half: HalfSolved,
+    /// C = B^T K^-1 B.
+    compliance: DMatrix<f64>,
+    /// (I + S C)^-1 S.
     correction: DMatrix<f64>,
     stiffness: DMatrix<f64>,
 }
@@ -36,78 +39,82 @@ pub struct Patch {
 }
 
 impl Yielding {
-    /// Prepares the correction for these contacts; without contacts it does nothing.
-    pub fn prepare(&mut self, bone: &Bone, patches: &[Patch; 2], solve: &mut SolveScratch) {
-        let n = bone.system.n();
-        self.n = 0;
-        self.forces.clear();
-        let mut stiffness = Vec::new();
-        for patch in patches {
-            if let Some(spread) = spread(patch) {
-                for k in 0..6 {
-                    let start = self.forces.len();
-                    self.forces.resize(start + n, 0.0);
-                    for ((_, load), row) in patch.contacts.iter().zip(&spread) {
-                        let force = row.row(k).transpose();
-                        let unit = CellForce { force, ..*load };
-                        bone.add_loads([&unit], &mut self.forces[start..]);
-                    }
-                }
-                stiffness.push(patch.stiffness);
-            }
+    /// The correction for these contacts; none without contacts.
+    pub fn new(bone: &Bone, patches: &[Patch; 2]) -> Option<Self> {
+        let touching: Vec<_> = patches
+            .iter()
+            .filter_map(|p| Some((unit_wrenches(bone, p)?, p.stiffness)))
+            .collect();
+        let m = 6 * touching.len();
+        let mut stiffness = DMatrix::zeros(m, m);
+        for (t, (_, s)) in touching.iter().enumerate() {
+            let mut own = stiffness.fixed_view_mut::<6, 6>(6 * t, 6 * t);
+            own.copy_from(s);
         }
-        if stiffness.is_empty() {
-            return;
+        let forces: Vec<_> = touching.into_iter().flat_map(|(f, _)| f).collect();
+        if forces.is_empty() {
+            return None;
         }
-        self.n = 6 * stiffness.len();
-        self.columns.clone_from(&self.forces);
-        for column in self.columns.chunks_mut(n) {
-            bone.system.solve(column, solve);
-        }
-        let m = self.n;
-        let c = DMatrix::from_fn(m, m, |i, j| {
-            dot(self.force(i), &self.columns[j * n..(j + 1) * n])
-        });
-        self.stiffness = DMatrix::zeros(m, m);
-        for (t, s) in stiffness.iter().enumerate() {
-            self.stiffness
-                .fixed_view_mut::<6, 6>(6 * t, 6 * t)
-                .copy_from(s);
-        }
-        let system = DMatrix::identity(m, m) + &self.stiffness * c;
-        match system.lu().solve(&self.stiffness) {
-            Some(correction) if correction.iter().all(|v| v.is_finite()) => {
-                self.correction = correction;
-            }
-            _ => self.n = 0,
+        let half = bone.system.half_solve(&forces);
+        let compliance = DMatrix::from_vec(m, m, half.compliance(&half));
+        let system = DMatrix::identity(m, m) + &stiffness * &compliance;
+        let correction = system.lu().solve(&stiffness)?;
+        let is_sound = correction.iter().all(|v| v.is_finite());
+        is_sound.then_some(Self {
+            forces,
+            half,
+            compliance,
+            correction,
+            stiffness,
+        })
+    }
+
+    /// Adds B q to the tools' forces `rhs`, whose sparse form is `loads`, so that a solve of the sum and `rest`, the
+    /// displacement that everything else causes, are the corrected sweep from `old`.
+    pub fn correct(
+        &self,
+        bone: &Bone,
+        loads: &[(u32, f64)],
+        rest: &[f64],
+        old: &[f64],
+        rhs: &mut [f64],
+    ) {
+        let under_loads = bone.system.half_solve(&[loads.to_vec()]);
+        let free = DVector::from_vec(self.half.compliance(&under_loads)) + self.patches(rest);
+        let pull = &self.stiffness * self.patches(old);
+        let q = &pull - &self.correction * (free + &self.compliance * &pull);
+        for (force, q) in self.forces.iter().zip(&q) {
+            force.iter().for_each(|(i, v)| rhs[*i as usize] += v * q);
         }
     }
 
-    /// Turns K^-1 F, in `x`, into the solution of the corrected sweep from `old`.
-    pub fn apply(&self, x: &mut [f64], old: &[f64]) {
-        if self.n == 0 {
-            return;
-        }
-        let project = |v: &[f64]| DVector::from_fn(self.n, |k, _| dot(self.force(k), v));
-        // x + Y S q, then minus Y (I + S C)^-1 S B^T (...), both along Y = K^-1 B.
-        let pull = &self.stiffness * project(old);
-        self.add(x, &pull);
-        let back = &self.correction * project(x);
-        self.add(x, &-back);
+    /// B^T x: how the patches move when the bone does.
+    fn patches(&self, x: &[f64]) -> DVector<f64> {
+        let along = |f: &Vec<(u32, f64)>| f.iter().map(|(i, v)| v * x[*i as usize]).sum();
+        DVector::from_iterator(self.forces.len(), self.forces.iter().map(along))
     }
+}
 
-    fn add(&self, x: &mut [f64], amount: &DVector<f64>) {
-        let n = x.len();
-        for (k, a) in amount.iter().enumerate() {
-            let column = &self.columns[k * n..(k + 1) * n];
-            x.iter_mut().zip(column).for_each(|(x, c)| *x += a * c);
+/// The unknowns' forces of the six unit wrenches on a patch; none if nothing presses.
+fn unit_wrenches(bone: &Bone, patch: &Patch) -> Option<Vec<Vec<(u32, f64)>>> {
+    // Contacts are many, cells few: summed by cell and corner before the unknowns are looked up.
+    let mut corners: BTreeMap<u32, [Matrix6x3<f64>; 4]> = BTreeMap::new();
+    for ((_, load), row) in patch.contacts.iter().zip(spread(patch)?) {
+        let cell = corners.entry(load.cell).or_default();
+        for (sum, w) in cell.iter_mut().zip(load.weights) {
+            *sum += row * w;
         }
     }
-
-    fn force(&self, k: usize) -> &[f64] {
-        let n = self.forces.len() / self.n;
-        &self.forces[k * n..(k + 1) * n]
+    let mesh = &bone.body.mesh;
+    let mut columns = vec![Vec::new(); 6];
+    for (cell, rows) in &corners {
+        let cell = &bone.topology.cells()[*cell as usize];
+        for (k, column) in columns.iter_mut().enumerate() {
+            let forces = rows.each_ref().map(|r| r.row(k).transpose());
+            bone.system.push_corner_forces(mesh, cell, &forces, column);
+        }
     }
+    Some(columns)
 }
 
 /// For each contact the force (3) that a unit wrench (6) on the patch means there: weighted by how hard it presses.
@@ -140,8 +147,4 @@ fn spread(patch: &Patch) -> Option<Vec<Matrix6x3<f64>>> {
             .map(|(p, load)| inverse * arm(p) * (load.force.norm() / total))
             .collect(),
     )
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

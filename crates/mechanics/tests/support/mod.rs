@@ -4,7 +4,7 @@ pub mod cracked;
 
 use nalgebra::{Matrix3x4, Translation3, UnitQuaternion};
 use osteotome_mechanics::contact::{
-    BoundingVolumes, ContactLaw, ContactScene, PointShell, ShellPoint, boundary_points,
+    BoundingVolumes, ContactLaw, ContactScene, PointShell, ShellPoints, boundary_points,
 };
 use osteotome_mechanics::geometry::{Pose, TetMesh, Vec3, block_mesh};
 use osteotome_mechanics::tool::{Chisel, ChiselParameters, Coupling, Tool, ToolModel};
@@ -12,7 +12,7 @@ use osteotome_mechanics::tool::{Chisel, ChiselParameters, Coupling, Tool, ToolMo
 /// A block with its shell, a cell a tetrahedron.
 pub struct Block {
     pub mesh: TetMesh,
-    pub points: Vec<ShellPoint>,
+    pub points: ShellPoints,
     pub shell: PointShell,
     pub deformation: Vec<Matrix3x4<f32>>,
     pub volumes: BoundingVolumes,
@@ -25,6 +25,7 @@ impl Block {
         let mesh = block_mesh(min, max, [8, 6, 5]);
         let points = boundary_points(&mesh, n);
         let cells: Vec<u32> = points.iter().map(|p| p.tet).collect();
+        let points = ShellPoints::new(points.into());
         let shell = PointShell::group(&points, &cells, mesh.tets().len());
         let deformation = deformed(&mesh, map);
         let volumes = BoundingVolumes::new(&shell, &deformation);
@@ -56,7 +57,7 @@ impl Block {
 
     /// Deformed position of point `i`.
     pub fn deformed_point(&self, i: usize) -> Vec3 {
-        let p = &self.points[i];
+        let p = self.points.get(i as u32);
         let n = nalgebra::Vector4::from(p.weights).map(f64::from);
         self.deformation[p.tet as usize].map(f64::from) * n
     }
