@@ -74,6 +74,14 @@ pub struct HalfSolved {
     m: usize,
 }
 
+/// L^-1 b of the whole bordered factor for one right-hand side b. Half-solved columns can be added to it before the sweep down.
+#[derive(Clone, Debug, Default)]
+pub struct Swept {
+    /// In places of L.
+    y: Vec<f64>,
+    border: Vec<f64>,
+}
+
 /// Most columns in a batch: enough for dense products, few enough that their paths have most in common (48 and 96 are a
 /// tie).
 const MOST_COLUMNS: usize = 96;
@@ -256,13 +264,32 @@ impl Bordered {
             whole: path,
         } = scratch;
         self.base.place_all(path, u, y);
+        self.up(path, y, a, below, packed);
+        self.down(path, y, a, below, packed);
+        self.base.take_all(path, y, u);
+    }
+
+    /// (y, a) <- L^-1 (y, a) of the whole factor, y in places of L.
+    fn up(&self, path: &Path, y: &mut [f64], a: &mut [f64], below: &mut [f64], packed: &mut [f64]) {
         self.base.forward(path, y, below);
         for b in &self.batches {
             let packed = &mut packed[..b.path.n_rows()];
             self.base.gather(&b.path, y, packed);
             subtract_dots(&mut a[b.before..b.before + b.m], &b.w, packed.len(), packed);
         }
-        self.solve_border(a);
+        self.border_up(a);
+    }
+
+    /// (y, a) <- L^-T (y, a) of the whole factor, y in places of L.
+    fn down(
+        &self,
+        path: &Path,
+        y: &mut [f64],
+        a: &mut [f64],
+        below: &mut [f64],
+        packed: &mut [f64],
+    ) {
+        self.border_down(a);
         for b in &self.batches {
             let packed = &mut packed[..b.path.n_rows()];
             packed.fill(0.0);
@@ -270,11 +297,69 @@ impl Bordered {
             self.base.scatter_subtract(&b.path, packed, y);
         }
         self.base.backward(path, y, below);
-        self.base.take_all(path, y, u);
+    }
+
+    /// The forward half of a solve: `swept` becomes L^-1 b.
+    pub fn sweep_up(&self, b: &[f64], swept: &mut Swept, scratch: &mut SolveScratch) {
+        let (u, a) = b.split_at(self.base.n());
+        swept.y.resize(self.base.n(), 0.0);
+        swept.border.clear();
+        swept.border.extend_from_slice(a);
+        let SolveScratch {
+            below,
+            packed,
+            whole,
+            ..
+        } = scratch;
+        self.base.place_all(whole, u, &mut swept.y);
+        self.up(whole, &mut swept.y, &mut swept.border, below, packed);
+    }
+
+    /// The backward half of a solve: x = L^-T `swept`, which is used up.
+    pub fn sweep_down(&self, swept: &mut Swept, x: &mut [f64], scratch: &mut SolveScratch) {
+        let (u, a) = x.split_at_mut(self.base.n());
+        let SolveScratch {
+            below,
+            packed,
+            whole,
+            ..
+        } = scratch;
+        self.down(whole, &mut swept.y, &mut swept.border, below, packed);
+        self.base.take_all(whole, &swept.y, u);
+        a.copy_from_slice(&swept.border);
+    }
+
+    /// swept += H q for half-solved columns H.
+    pub fn add_half(&self, half: &HalfSolved, q: &[f64], swept: &mut Swept) {
+        let n_rows = half.path.n_rows();
+        let mut sum = vec![0.0; n_rows];
+        add_columns(&mut sum, &half.base, n_rows, q);
+        self.base.scatter_add(&half.path, &sum, &mut swept.y);
+        for (a, row) in swept.border.iter_mut().zip(half.border.chunks_exact(half.m.max(1))) {
+            *a += dot(row, q);
+        }
+    }
+
+    /// H^T swept, which is B^T K^-1 b for the columns B of H and the right-hand side b of `swept`.
+    pub fn project(&self, half: &HalfSolved, swept: &Swept) -> Vec<f64> {
+        let n_rows = half.path.n_rows();
+        let mut packed = vec![0.0; n_rows];
+        self.base.gather(&half.path, &swept.y, &mut packed);
+        let mut p = vec![0.0; half.m];
+        subtract_dots(&mut p, &half.base, n_rows, &packed);
+        p.iter_mut().for_each(|v| *v = -*v);
+        add_columns(&mut p, &half.border, half.m, &swept.border[..half.n_border]);
+        p
     }
 
     /// a <- S^-1 a.
     fn solve_border(&self, a: &mut [f64]) {
+        self.border_up(a);
+        self.border_down(a);
+    }
+
+    /// a <- L_S^-1 a.
+    fn border_up(&self, a: &mut [f64]) {
         let mut buffer = [0.0; MOST_COLUMNS];
         for b in &self.batches {
             let (known, rest) = a.split_at_mut(b.before);
@@ -291,6 +376,10 @@ impl Bordered {
                 }
             }
         }
+    }
+
+    /// a <- L_S^-T a.
+    fn border_down(&self, a: &mut [f64]) {
         for b in self.batches.iter().rev() {
             let (known, rest) = a.split_at_mut(b.before);
             let own = &mut rest[..b.m];

@@ -235,6 +235,14 @@ impl Factor {
         }
     }
 
+    /// Adds packed rows to their places in L.
+    pub(super) fn scatter_add(&self, path: &Path, packed: &[f64], y: &mut [f64]) {
+        for (&s, &offset) in path.supernodes.iter().zip(&path.offset) {
+            let to = y[self.columns(s as usize)].iter_mut();
+            to.zip(&packed[offset..]).for_each(|(y, p)| *y += p);
+        }
+    }
+
     fn path_of(&self, supernodes: Vec<u32>) -> Path {
         let mut offset = vec![0];
         for &s in &supernodes {

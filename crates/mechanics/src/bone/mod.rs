@@ -11,7 +11,7 @@ pub mod stiffness;
 mod supports;
 
 pub use block_matrix::{BlockMatrix, add_product, decouple};
-pub use bordered::{BorderRow, Bordered, HalfSolved, Region, SolveScratch};
+pub use bordered::{BorderRow, Bordered, HalfSolved, Region, SolveScratch, Swept};
 pub use factor::{Factor, FactorError, Path};
 pub use material::{Lame, MaterialError, TetMaterial};
 pub use rigid_motion::{FreeMotion, free_motion};

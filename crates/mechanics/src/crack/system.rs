@@ -1,6 +1,6 @@
 use super::enrichment::{Cell, STANDARD, Topology, lineage};
 use crate::bone::{
-    BlockMatrix, BorderRow, Bordered, Factor, FactorError, HalfSolved, Region, SolveScratch,
+    BlockMatrix, BorderRow, Bordered, Factor, FactorError, HalfSolved, Region, SolveScratch, Swept,
     Supports, TetMaterial, add_product, decouple, stiffness,
 };
 use crate::geometry::{TetMesh, Vec3};
@@ -362,6 +362,26 @@ impl System {
     /// The forward half of a solve for sparse right-hand sides B: [`HalfSolved::compliance`] of two of them is B^T K^-1 C.
     pub fn half_solve(&self, columns: &[Vec<(u32, f64)>]) -> HalfSolved {
         self.factor.half_solve(columns)
+    }
+
+    /// The forward half of a solve for any right-hand side; see [`Bordered::sweep_up`].
+    pub fn sweep_up(&self, rhs: &[f64], swept: &mut Swept, scratch: &mut SolveScratch) {
+        self.factor.sweep_up(rhs, swept, scratch);
+    }
+
+    /// The backward half of a solve; see [`Bordered::sweep_down`].
+    pub fn sweep_down(&self, swept: &mut Swept, x: &mut [f64], scratch: &mut SolveScratch) {
+        self.factor.sweep_down(swept, x, scratch);
+    }
+
+    /// Adds half-solved right-hand sides, `q` times each; see [`Bordered::add_half`].
+    pub fn add_half(&self, half: &HalfSolved, q: &[f64], swept: &mut Swept) {
+        self.factor.add_half(half, q, swept);
+    }
+
+    /// How far half-solved forces would move along themselves; see [`Bordered::project`].
+    pub fn project(&self, half: &HalfSolved, swept: &Swept) -> Vec<f64> {
+        self.factor.project(half, swept)
     }
 
     /// Adds a force \[N\] that acts at the point of `cell` with shape functions `weights` to the right-hand side. What acts on

@@ -1,11 +1,12 @@
 //! The two faces of the crack must not pass through each other.
 //!
 //! One contact point a divided tetrahedron, with the opening g = gap + n . (u_+ - u_-). Pressures p >= 0 where g < 0 by a
-//! penalty that is stiff against the bone; because the bone's compliance at these points is known from solves with the
+//! penalty that is stiff against the bone; because the bone's compliance at these points is known from half solves with the
 //! kept factor, the penalty is solved implicitly (projected Gauss-Seidel) and never limits the relaxation.
-use crate::bone::SolveScratch;
+use super::bone::Bone;
+use crate::bone::{HalfSolved, SolveScratch, Swept};
 use crate::crack::stress_intensity::CellForce;
-use crate::crack::{Cell, CrackedBody, CutEdges, System, Topology, cut_area};
+use crate::crack::{Cell, CrackedBody, CutEdges, cut_area};
 use crate::geometry::{Aabb, TetMesh, Vec3};
 
 /// One pair of opposite points.
@@ -85,17 +86,8 @@ impl CrackFaces {
     }
 
     /// Opening of each pair \[mm\], negative where the faces overlap.
-    pub fn openings(
-        &self,
-        mesh: &TetMesh,
-        topology: &Topology,
-        system: &System,
-        x: &[f64],
-    ) -> Vec<f64> {
-        self.pairs
-            .iter()
-            .map(|p| p.gap + p.jump(mesh, topology, system, x))
-            .collect()
+    pub fn openings(&self, body: &CrackedBody, x: &[f64]) -> Vec<f64> {
+        self.pairs.iter().map(|p| p.gap + p.jump(body, x)).collect()
     }
 }
 
@@ -139,9 +131,10 @@ impl Divided {
 }
 
 impl FacePair {
-    fn jump(&self, mesh: &TetMesh, topology: &Topology, system: &System, x: &[f64]) -> f64 {
+    fn jump(&self, body: &CrackedBody, x: &[f64]) -> f64 {
         let at = |cell: u32| -> Vec3 {
-            let u = system.cell_displacements(mesh, &topology.cells()[cell as usize], x);
+            let cell = &body.topology.cells()[cell as usize];
+            let u = body.system.cell_displacements(&body.solid.mesh, cell, x);
             (0..4).map(|k| u[k] * self.weights[k]).sum()
         };
         self.normal.dot(&(at(self.cells[0]) - at(self.cells[1])))
@@ -209,16 +202,16 @@ fn pair(body: &CrackedBody, t: u32) -> Option<FacePair> {
     })
 }
 
-/// Keeps the faces apart; remembers pressures (for the warm start) and compliance columns of one bone generation.
+/// Keeps the faces apart; remembers pressures (for the warm start) and compliances of one bone generation.
 #[derive(Debug, Default)]
 pub struct FaceContact {
     generation: Option<u32>,
-    /// Force of each pair \[N\].
+    /// Force of each active pair \[N\].
     force: Vec<f64>,
-    /// Pairs with a compliance column, ascending in the order they were met.
+    /// Pairs whose compliance is known, in the order they were met.
     active: Vec<usize>,
-    /// K^-1 b of each active pair, one after the other.
-    columns: Vec<f64>,
+    /// The active pairs' unit forces, half solved.
+    half: Vec<HalfSolved>,
     /// b_i . K^-1 b_j of the active pairs.
     compliance: Vec<Vec<f64>>,
 }
@@ -227,118 +220,98 @@ pub struct FaceContact {
 const MOST_ACTIVE: usize = 256;
 /// Stiffness of the penalty \[N/mm3\]: a pressure of 10 MPa overlaps the faces by a micrometre.
 const STIFFNESS: f64 = 1e4;
+/// Pressing some faces may close others: how often those are looked for.
+const ROUNDS: usize = 3;
 
 impl FaceContact {
-    /// Adds the face pressures' share to the displacement `x` that the other loads cause. Returns the forces they mean.
-    #[allow(clippy::too_many_arguments)] // the parts of a bone, which this module sits below
+    /// Solves for the displacements `x` under the loads that are half solved in `swept` and the faces' pressures, whose forces
+    /// it returns.
     pub fn press(
         &mut self,
-        generation: u32,
-        faces: &CrackFaces,
-        mesh: &TetMesh,
-        topology: &Topology,
-        system: &System,
-        scratch: &mut SolveScratch,
+        bone: &Bone,
+        swept: &Swept,
         x: &mut [f64],
+        scratch: &mut SolveScratch,
     ) -> Vec<CellForce> {
-        if self.generation != Some(generation) {
+        if self.generation != Some(bone.generation) {
             *self = Self {
-                generation: Some(generation),
-                force: vec![0.0; faces.len()],
+                generation: Some(bone.generation),
                 ..Default::default()
             };
         }
-        // Twice: pressing some faces may close others.
-        for _ in 0..3 {
-            let free = faces.openings(mesh, topology, system, x);
-            let mut opening = free.clone();
-            for (a, &i) in self.active.iter().enumerate() {
-                let f = self.force[i];
-                if f != 0.0 {
-                    let column = &self.columns[a * x.len()..(a + 1) * x.len()];
-                    faces
-                        .pairs
-                        .iter()
-                        .zip(&mut opening)
-                        .for_each(|(p, o)| *o += f * p.jump(mesh, topology, system, column));
-                }
+        let mut pressed = Swept::default();
+        for round in 1.. {
+            self.relax(bone, swept);
+            pressed.clone_from(swept);
+            let mut forces = &self.force[..];
+            for half in &self.half {
+                let (own, rest) = forces.split_at(half.n_columns());
+                bone.system.add_half(half, own, &mut pressed);
+                forces = rest;
             }
-            let mut new: Vec<usize> = (0..opening.len())
-                .filter(|i| opening[*i] < 0.0 && !self.active.contains(i))
-                .collect();
-            new.sort_by(|a, b| opening[*a].total_cmp(&opening[*b]).then(a.cmp(b)));
-            new.truncate(MOST_ACTIVE - self.active.len().min(MOST_ACTIVE));
-            let none_new = new.is_empty();
-            for i in new {
-                self.activate(i, faces, mesh, topology, system, scratch);
-            }
-            self.relax(faces, &free);
-            if none_new {
+            bone.system.sweep_down(&mut pressed, x, scratch);
+            if round == ROUNDS || !self.activate(bone, x) {
                 break;
             }
         }
-        let mut loads = Vec::new();
-        for (a, &i) in self.active.iter().enumerate() {
-            let f = self.force[i];
-            if f > 0.0 {
-                let column = &self.columns[a * x.len()..(a + 1) * x.len()];
-                x.iter_mut().zip(column).for_each(|(x, c)| *x += f * c);
-                loads.extend(faces.pairs[i].forces(f));
-            }
-        }
-        loads
+        let pressing = self.active.iter().zip(&self.force).filter(|p| *p.1 > 0.0);
+        pressing
+            .flat_map(|(&i, &f)| bone.faces.pairs[i].forces(f))
+            .collect()
     }
 
-    fn activate(
-        &mut self,
-        i: usize,
-        faces: &CrackFaces,
-        mesh: &TetMesh,
-        topology: &Topology,
-        system: &System,
-        scratch: &mut SolveScratch,
-    ) {
-        let mut column = vec![0.0; system.n()];
-        for f in faces.pairs[i].forces(1.0) {
-            system.add_force(
-                mesh,
-                &topology.cells()[f.cell as usize],
-                &f.weights,
-                &f.force,
-                &mut column,
-            );
-        }
-        system.solve(&mut column, scratch);
-        self.active.push(i);
-        let row: Vec<f64> = self
-            .active
-            .iter()
-            .map(|&j| faces.pairs[j].jump(mesh, topology, system, &column))
+    /// Takes in the pairs that overlap in `x`; whether there were any.
+    fn activate(&mut self, bone: &Bone, x: &[f64]) -> bool {
+        let opening = bone.faces.openings(bone, x);
+        let mut new: Vec<usize> = (0..opening.len())
+            .filter(|i| opening[*i] < 0.0 && !self.active.contains(i))
             .collect();
-        for (other, c) in self.compliance.iter_mut().zip(&row) {
-            other.push(*c);
+        new.sort_by(|a, b| opening[*a].total_cmp(&opening[*b]).then(a.cmp(b)));
+        new.truncate(MOST_ACTIVE - self.active.len().min(MOST_ACTIVE));
+        if new.is_empty() {
+            return false;
         }
-        self.compliance.push(row);
-        self.columns.extend(column);
+        let unit = |i: &usize| bone.sparse_loads(&bone.faces.pairs[*i].forces(1.0));
+        let columns: Vec<_> = new.iter().map(unit).collect();
+        self.half.push(bone.system.half_solve(&columns));
+        let newest = &self.half[self.half.len() - 1];
+        let first = self.active.len();
+        self.compliance.resize(first + new.len(), Vec::new());
+        let mut column = 0;
+        for half in &self.half {
+            // One row a known pair, one column a new one.
+            let block = half.compliance(newest);
+            for (k, c) in block.iter().enumerate() {
+                let (i, j) = (column + k % half.n_columns(), first + k / half.n_columns());
+                self.compliance[j].push(*c);
+                if i < first {
+                    self.compliance[i].push(*c);
+                }
+            }
+            column += half.n_columns();
+        }
+        self.active.extend(new);
+        self.force.resize(self.active.len(), 0.0);
+        true
     }
 
     /// Projected Gauss-Seidel on the active pairs: opening + compliance of the penalty = 0 or force = 0.
-    fn relax(&mut self, faces: &CrackFaces, free: &[f64]) {
+    fn relax(&mut self, bone: &Bone, swept: &Swept) {
         const SWEEPS: usize = 200;
+        let faces = &bone.faces;
+        let moved = self.half.iter().flat_map(|h| bone.system.project(h, swept));
+        let free: Vec<f64> = (self.active.iter().zip(moved))
+            .map(|(&i, u)| faces.pairs[i].gap + u)
+            .collect();
         for _ in 0..SWEEPS {
             let mut change = 0.0_f64;
             for (a, &i) in self.active.iter().enumerate() {
                 let row = &self.compliance[a];
                 let soft = 1.0 / (STIFFNESS * faces.pairs[i].area.max(1e-6));
-                let others: f64 = self
-                    .active
-                    .iter()
-                    .zip(row)
-                    .map(|(&j, c)| c * self.force[j])
-                    .sum();
-                let old = self.force[i];
-                let new = (old - (free[i] + others + soft * old) / (row[a] + soft)).max(0.0);
-                self.force[i] = new;
+                let pressed: f64 = self.force.iter().zip(row).map(|(f, c)| c * f).sum();
+                let old = self.force[a];
+                let new = (old - (free[a] + pressed + soft * old) / (row[a] + soft)).max(0.0);
+                self.force[a] = new;
                 change = change.max((new - old).abs() * row[a]);
             }
             if change < 1e-9 {

@@ -3,7 +3,7 @@ use super::bone::{Bone, BoneState};
 use super::crack_faces::FaceContact;
 use super::relaxation::Acceleration;
 use super::yielding::{Patch, Yielding};
-use crate::bone::SolveScratch;
+use crate::bone::{SolveScratch, Swept};
 use crate::contact::{Anchors, BoundingVolumes, ContactScene, PointForce, Wrench};
 use crate::crack::stress_intensity::CellForce;
 use crate::geometry::{Pose, Vec3};
@@ -85,8 +85,9 @@ pub struct MainState {
     acceleration: Acceleration,
     yielding: Option<Yielding>,
     trial: Vec<f64>,
-    /// What the soft tissue's pull towards where the bone was at the start of the step does to it.
-    drag: Vec<f64>,
+    /// The soft tissue's pull towards where the bone was at the start of the step, half solved.
+    drag: Swept,
+    swept: Swept,
 }
 
 impl MainState {
@@ -102,7 +103,8 @@ impl MainState {
             acceleration: Acceleration::default(),
             yielding: None,
             trial: Vec::new(),
-            drag: Vec::new(),
+            drag: Swept::default(),
+            swept: Swept::default(),
             bone: state,
         }
     }
@@ -144,11 +146,10 @@ pub fn main_step(
     let mut tools = input.tools;
     // What sweeps taught while the contacts were others misleads the next ones.
     state.acceleration.forget();
-    state.drag.clear();
-    state.drag.resize(bone.system.n(), 0.0);
+    let mut pull = vec![0.0; bone.system.n()];
     let (mesh, topology) = (&bone.body.mesh, &bone.topology);
-    (bone.system).add_drag(mesh, topology, &state.bone.x, &mut state.drag);
-    bone.system.solve(&mut state.drag, &mut state.solve);
+    (bone.system).add_drag(mesh, topology, &state.bone.x, &mut pull);
+    (bone.system).sweep_up(&pull, &mut state.drag, &mut state.solve);
     let mut iterations = 0;
     loop {
         iterations += 1;
@@ -249,25 +250,17 @@ fn solve_bone(
         let patches = patches(model, input, tools, points, state.tools.contacts(0).len());
         state.yielding = Yielding::new(bone, &patches);
     }
-    let mut x = std::mem::take(&mut state.trial);
-    x.clear();
-    x.resize(bone.system.n(), 0.0);
+    let swept = &mut state.swept;
+    swept.clone_from(&state.drag);
     let pushed = bone.sparse_loads(loads.iter().map(|l| &l.0));
-    pushed.iter().for_each(|(i, f)| x[*i as usize] += f);
+    let pushed = bone.system.half_solve(&[pushed]);
+    bone.system.add_half(&pushed, &[1.0], swept);
     if let Some(yielding) = &state.yielding {
-        yielding.correct(bone, &pushed, &state.drag, &state.bone.x, &mut x);
+        yielding.correct(bone, &state.bone.x, swept);
     }
-    bone.system.solve(&mut x, &mut state.solve);
-    x.iter_mut().zip(&state.drag).for_each(|(x, d)| *x += d);
-    let pressures = state.faces.press(
-        bone.generation,
-        &bone.faces,
-        &bone.body.mesh,
-        &bone.topology,
-        &bone.system,
-        &mut state.solve,
-        &mut x,
-    );
+    let mut x = std::mem::take(&mut state.trial);
+    x.resize(bone.system.n(), 0.0);
+    let pressures = (state.faces).press(bone, swept, &mut x, &mut state.solve);
     loads.extend(pressures.into_iter().map(|p| (p, Source::Face)));
     (x, loads)
 }

@@ -7,7 +7,7 @@
 //! Woodbury that is K x = F + B q, with q from the compliance C = B^T K^-1 B, and for C the forward half of a solve is
 //! enough. Its fixed point is that of the plain sweep.
 use super::bone::Bone;
-use crate::bone::HalfSolved;
+use crate::bone::{HalfSolved, Swept};
 use crate::contact::Matrix6;
 use crate::crack::stress_intensity::CellForce;
 use crate::geometry::{Pose, Vec3};
@@ -69,23 +69,12 @@ impl Yielding {
         })
     }
 
-    /// Adds B q to the tools' forces `rhs`, whose sparse form is `loads`, so that a solve of the sum and `rest`, the
-    /// displacement that everything else causes, are the corrected sweep from `old`.
-    pub fn correct(
-        &self,
-        bone: &Bone,
-        loads: &[(u32, f64)],
-        rest: &[f64],
-        old: &[f64],
-        rhs: &mut [f64],
-    ) {
-        let under_loads = bone.system.half_solve(&[loads.to_vec()]);
-        let free = DVector::from_vec(self.half.compliance(&under_loads)) + self.patches(rest);
+    /// Adds B q to what is half solved of all other loads, so that the sweep down gives the corrected sweep from `old`.
+    pub fn correct(&self, bone: &Bone, old: &[f64], swept: &mut Swept) {
+        let free = DVector::from_vec(bone.system.project(&self.half, swept));
         let pull = &self.stiffness * self.patches(old);
         let q = &pull - &self.correction * (free + &self.compliance * &pull);
-        for (force, q) in self.forces.iter().zip(&q) {
-            force.iter().for_each(|(i, v)| rhs[*i as usize] += v * q);
-        }
+        bone.system.add_half(&self.half, q.as_slice(), swept);
     }
 
     /// B^T x: how the patches move when the bone does.
