@@ -7,7 +7,7 @@ use osteotome_mechanics::geometry::{Pose, Vec3};
 use osteotome_mechanics::step::haptic::{
     DeviceLimits, HapticFault, HapticInput, HapticModel, HapticOutput, HapticState, haptic_step,
 };
-use osteotome_mechanics::tool::{ScratchLimits, SolveSettings};
+use osteotome_mechanics::tool::{BoneCompliance, Matrix12, ScratchLimits, SolveSettings, Vector12};
 use support::{Block, aside, downward, model};
 
 #[global_allocator]
@@ -46,12 +46,24 @@ fn run(
     block: &Block,
     devices: [Pose; 2],
 ) -> HapticOutput {
+    let bone = yielding();
     let input = HapticInput {
         scene: block.scene(),
+        compliance: Some(&bone),
         devices,
         dt: 1e-3,
     };
     haptic_step(model, state, &input)
+}
+
+/// A micrometre a newton under each tool.
+fn yielding() -> BoneCompliance {
+    let matrix = Vector12::from_fn(|i, _| if i % 6 < 3 { 1e-3 } else { 1e-5 });
+    BoneCompliance {
+        matrix: Matrix12::from_diagonal(&matrix),
+        origins: [Vec3::new(-7.0, 0.0, 0.0), Vec3::new(7.0, 0.0, 0.0)],
+        load: [Wrench::ZERO; 2],
+    }
 }
 
 #[test]

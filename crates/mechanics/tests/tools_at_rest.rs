@@ -35,6 +35,7 @@ impl Rig {
             scene: self.block.scene(),
             devices: &devices,
             anchors: &self.anchors,
+            compliance: None,
         };
         solve_tools(
             &self.model,
@@ -118,6 +119,7 @@ fn wild_hands_never_make_it_diverge() {
                     scene: rig.block.scene(),
                     devices: &devices,
                     anchors: &rig.anchors,
+                    compliance: None,
                 };
                 let settings = SolveSettings::HAPTIC;
                 let r =

@@ -335,7 +335,11 @@ impl Bordered {
         let mut sum = vec![0.0; n_rows];
         add_columns(&mut sum, &half.base, n_rows, q);
         self.base.scatter_add(&half.path, &sum, &mut swept.y);
-        for (a, row) in swept.border.iter_mut().zip(half.border.chunks_exact(half.m.max(1))) {
+        for (a, row) in swept
+            .border
+            .iter_mut()
+            .zip(half.border.chunks_exact(half.m.max(1)))
+        {
             *a += dot(row, q);
         }
     }

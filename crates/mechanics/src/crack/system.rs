@@ -1,7 +1,7 @@
 use super::enrichment::{Cell, STANDARD, Topology, lineage};
 use crate::bone::{
-    BlockMatrix, BorderRow, Bordered, Factor, FactorError, HalfSolved, Region, SolveScratch, Swept,
-    Supports, TetMaterial, add_product, decouple, stiffness,
+    BlockMatrix, BorderRow, Bordered, Factor, FactorError, HalfSolved, Region, SolveScratch,
+    Supports, Swept, TetMaterial, add_product, decouple, stiffness,
 };
 use crate::geometry::{TetMesh, Vec3};
 use nalgebra::Matrix3;

@@ -2,8 +2,8 @@
 use crate::contact::{Anchors, ContactScene, Wrench};
 use crate::geometry::{Pose, Vec3};
 use crate::tool::{
-    ScratchLimits, SolveSettings, ToolInput, ToolModel, ToolScratch, ToolsResult, ToolsState,
-    solve_tools,
+    BoneCompliance, ScratchLimits, SolveSettings, ToolInput, ToolModel, ToolScratch, ToolsResult,
+    ToolsState, solve_tools,
 };
 
 /// How bone units become those of one device, and what the device can bear.
@@ -86,6 +86,8 @@ pub struct HapticModel {
 pub struct HapticInput<'a> {
     /// The bone in its latest state.
     pub scene: ContactScene<'a>,
+    /// How the bone gives way about that state; none: it stands still until the next one, as in the paper.
+    pub compliance: Option<&'a BoneCompliance>,
     /// World from device, already in the bone's space.
     pub devices: [Pose; 2],
     /// Since the last step \[s\].
@@ -184,6 +186,7 @@ pub fn haptic_step(
             scene: input.scene,
             devices: &input.devices,
             anchors: &state.anchors,
+            compliance: input.compliance.filter(|c| c.is_finite()),
         },
         &mut state.tools,
         &mut state.scratch,

@@ -8,8 +8,8 @@ use crate::contact::{Anchors, BoundingVolumes, ContactScene, PointForce, Wrench}
 use crate::crack::stress_intensity::CellForce;
 use crate::geometry::{Pose, Vec3};
 use crate::tool::{
-    ScratchLimits, SolveSettings, ToolInput, ToolModel, ToolScratch, ToolsResult, ToolsState,
-    solve_tools,
+    BoneCompliance, ScratchLimits, SolveSettings, ToolInput, ToolModel, ToolScratch, ToolsResult,
+    ToolsState, solve_tools,
 };
 
 /// Bounds of the relaxation.
@@ -78,6 +78,8 @@ pub struct MainState {
     pub bone: BoneState,
     /// Its bounding volumes in that state.
     pub volumes: BoundingVolumes,
+    /// How it gives way about that state where tools press on it; none if none does.
+    pub compliance: Option<BoneCompliance>,
     anchors: [Anchors; 2],
     tools: ToolScratch,
     faces: FaceContact,
@@ -96,6 +98,7 @@ impl MainState {
         let state = bone.at_rest();
         Self {
             volumes: BoundingVolumes::new(&bone.shell, &state.deformation),
+            compliance: None,
             anchors: [Anchors::with_capacity(n_ids), Anchors::with_capacity(n_ids)],
             tools: ToolScratch::new(limits),
             faces: FaceContact::default(),
@@ -178,6 +181,8 @@ pub fn main_step(
             state.bone.loads = loads.into_iter().map(|l| l.0).collect();
             state.bone.strain_energy = strain_energy(bone, &state.bone.x);
             state.bone.converged = converged;
+            let yielding = state.yielding.as_ref();
+            state.compliance = yielding.map(|y| y.bone_compliance(&tools, &result.coupling));
             state.tools.commit(&mut state.anchors);
             return MainReport {
                 iterations,
@@ -211,6 +216,7 @@ fn rest_tools(
         scene,
         devices: &input.devices,
         anchors: &state.anchors,
+        compliance: None,
     };
     solve_tools(model, &settings.tools, &input, tools, &mut state.tools)
 }

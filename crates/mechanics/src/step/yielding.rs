@@ -8,15 +8,18 @@
 //! enough. Its fixed point is that of the plain sweep.
 use super::bone::Bone;
 use crate::bone::{HalfSolved, Swept};
-use crate::contact::Matrix6;
+use crate::contact::{Matrix6, Wrench};
 use crate::crack::stress_intensity::CellForce;
 use crate::geometry::{Pose, Vec3};
+use crate::tool::{BoneCompliance, Matrix12, ToolsState};
 use nalgebra::{DMatrix, DVector, Matrix6x3, Vector6};
 use std::collections::BTreeMap;
 
 /// The tools' yielding in one main step.
 #[derive(Debug)]
 pub struct Yielding {
+    /// The tools that touch, and where each was.
+    touching: Vec<(usize, Vec3)>,
     /// B, column by column: (unknown, value).
     forces: Vec<Vec<(u32, f64)>>,
     half: HalfSolved,
@@ -41,19 +44,21 @@ pub struct Patch {
 impl Yielding {
     /// The correction for these contacts; none without contacts.
     pub fn new(bone: &Bone, patches: &[Patch; 2]) -> Option<Self> {
-        let touching: Vec<_> = patches
-            .iter()
-            .filter_map(|p| Some((unit_wrenches(bone, p)?, p.stiffness)))
-            .collect();
-        let m = 6 * touching.len();
-        let mut stiffness = DMatrix::zeros(m, m);
-        for (t, (_, s)) in touching.iter().enumerate() {
-            let mut own = stiffness.fixed_view_mut::<6, 6>(6 * t, 6 * t);
-            own.copy_from(s);
+        let (mut touching, mut forces) = (Vec::new(), Vec::new());
+        for (t, patch) in patches.iter().enumerate() {
+            if let Some(unit) = unit_wrenches(bone, patch) {
+                touching.push((t, patch.tool.translation.vector));
+                forces.extend(unit);
+            }
         }
-        let forces: Vec<_> = touching.into_iter().flat_map(|(f, _)| f).collect();
         if forces.is_empty() {
             return None;
+        }
+        let m = forces.len();
+        let mut stiffness = DMatrix::zeros(m, m);
+        for (k, (t, _)) in touching.iter().enumerate() {
+            let mut own = stiffness.fixed_view_mut::<6, 6>(6 * k, 6 * k);
+            own.copy_from(&patches[*t].stiffness);
         }
         let half = bone.system.half_solve(&forces);
         let compliance = DMatrix::from_vec(m, m, half.compliance(&half));
@@ -61,6 +66,7 @@ impl Yielding {
         let correction = system.lu().solve(&stiffness)?;
         let is_sound = correction.iter().all(|v| v.is_finite());
         is_sound.then_some(Self {
+            touching,
             forces,
             half,
             compliance,
@@ -75,6 +81,33 @@ impl Yielding {
         let pull = &self.stiffness * self.patches(old);
         let q = &pull - &self.correction * (free + &self.compliance * &pull);
         bone.system.add_half(&self.half, q.as_slice(), swept);
+    }
+
+    /// What the haptic loop needs to let the bone yield, about a state in which the tools rest at `tools` and their couplings pull
+    /// with `pull` (about the tools' origins).
+    pub fn bone_compliance(&self, tools: &ToolsState, pull: &[Wrench; 2]) -> BoneCompliance {
+        let mut matrix = Matrix12::zeros();
+        let mut origins = tools.poses.map(|p| p.translation.vector);
+        for (i, (t, origin)) in self.touching.iter().enumerate() {
+            origins[*t] = *origin;
+            for (j, (u, _)) in self.touching.iter().enumerate() {
+                let block = self.compliance.fixed_view::<6, 6>(6 * i, 6 * j);
+                let mut to = matrix.fixed_view_mut::<6, 6>(6 * t, 6 * u);
+                to.copy_from(&block);
+            }
+        }
+        let load = [0, 1].map(|t| {
+            let arm = tools.poses[t].translation.vector - origins[t];
+            Wrench {
+                force: pull[t].force,
+                torque: pull[t].torque + arm.cross(&pull[t].force),
+            }
+        });
+        BoneCompliance {
+            matrix,
+            origins,
+            load,
+        }
     }
 
     /// B^T x: how the patches move when the bone does.

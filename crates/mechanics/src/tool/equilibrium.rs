@@ -1,10 +1,10 @@
-use super::{Coupling, CouplingResponse, Matrix12, Vector12, bounded_step};
+use super::bone_compliance::{Carried, Held, hold, shifted};
+use super::{BoneCompliance, Coupling, Matrix12, Vector12, bounded_step};
 use crate::contact::{
     Anchors, Candidates, Contact, ContactLaw, ContactScene, PairResponse, PointForce, Response,
     RigidShape, Vector6, Wrench, append_point_forces, penetrations, respond, respond_pair,
 };
-use crate::geometry::{Pose, Vec3};
-use nalgebra::{Translation3, UnitQuaternion};
+use crate::geometry::Pose;
 
 /// One tool; constant.
 #[derive(Clone, Debug)]
@@ -73,6 +73,8 @@ pub struct ToolInput<'a> {
     pub devices: &'a [Pose; 2],
     /// Where the bone's points cling to each tool.
     pub anchors: &'a [Anchors; 2],
+    /// How the bone gives way about the state that `scene` shows; without it the bone stands still.
+    pub compliance: Option<&'a BoneCompliance>,
 }
 
 /// What came of it; per tool, in bone units.
@@ -141,6 +143,7 @@ pub struct ToolScratch {
     near: [Near; 2],
     now: [Evaluation; 2],
     trial: [Evaluation; 2],
+    held: Held,
     pair: PairResponse,
     forces: Vec<PointForce>,
 }
@@ -152,14 +155,13 @@ struct Near {
     found_at: Pose,
 }
 
-/// One tool at one pose.
+/// One tool at one pose relative to the bone.
 #[derive(Clone, Debug)]
 struct Evaluation {
     pose: Pose,
     contacts: Vec<Contact>,
     n_dropped: usize,
     response: Response,
-    coupling: CouplingResponse,
 }
 
 /// Cells are gathered this far around a tool \[mm\], and again when it has moved farther.
@@ -173,7 +175,6 @@ impl ToolScratch {
             contacts: Vec::with_capacity(limits.n_contacts),
             n_dropped: 0,
             response: Response::NONE,
-            coupling: CouplingResponse::NONE,
         };
         let near = || Near {
             candidates: Candidates::with_capacity(limits.n_cells),
@@ -183,6 +184,7 @@ impl ToolScratch {
             near: [near(), near()],
             now: [evaluation(), evaluation()],
             trial: [evaluation(), evaluation()],
+            held: Held::none(),
             pair: PairResponse::NONE,
             forces: Vec::with_capacity(2 * limits.n_contacts),
         }
@@ -227,7 +229,7 @@ pub fn solve_tools(
     while iterations < settings.max_iterations && solve.advance() {
         iterations += 1;
     }
-    state.poses = [0, 1].map(|t| solve.scratch.now[t].pose);
+    state.poses = solve.scratch.held.poses;
     solve.result(iterations)
 }
 
@@ -248,6 +250,7 @@ struct Solve<'a> {
     input: &'a ToolInput<'a>,
     scratch: &'a mut ToolScratch,
     radius: [f64; 2],
+    bone: Option<Carried>,
 }
 
 impl<'a> Solve<'a> {
@@ -264,19 +267,26 @@ impl<'a> Solve<'a> {
             input,
             scratch,
             radius: [settings.max_step; 2],
+            bone: input.compliance.map(|c| c.carried_to(&state.poses)),
         };
-        for t in 0..2 {
-            solve.gather(t, &state.poses[t]);
-            solve.evaluate(t, &state.poses[t]);
+        let (relative, motion) = match &solve.bone {
+            Some(bone) => bone.relative(model, input.devices, &state.poses),
+            None => (state.poses, Vector12::zeros()),
+        };
+        solve.scratch.held.motion = motion;
+        for (t, pose) in relative.iter().enumerate() {
+            solve.gather(t, pose);
+            solve.evaluate(t, pose);
         }
         std::mem::swap(&mut solve.scratch.now, &mut solve.scratch.trial);
-        solve.scratch.pair = solve.pair_at(&state.poses);
+        solve.scratch.held = solve.hold(&relative);
+        solve.scratch.pair = solve.pair_at(&solve.scratch.held.poses);
         solve
     }
 
     /// One step of the trust region; false once there is nothing left to do.
     fn advance(&mut self) -> bool {
-        let touching = self.scratch.pair.n_contacts > 0;
+        let touching = self.bone.is_some() || self.scratch.pair.n_contacts > 0;
         let rest = [0, 1].map(|t| self.at_rest(t));
         let idle = if touching {
             [rest[0] && rest[1]; 2]
@@ -288,7 +298,7 @@ impl<'a> Solve<'a> {
         }
         let step = self.step(&idle);
         for t in (0..2).filter(|&t| !idle[t]) {
-            let pose = moved(&self.scratch.now[t].pose, &self.motion(&step, t));
+            let pose = shifted(&self.scratch.now[t].pose, &self.motion(&step, t));
             if self.has_left(t, &pose) {
                 self.gather(t, &pose);
             }
@@ -298,7 +308,7 @@ impl<'a> Solve<'a> {
         true
     }
 
-    /// Takes or refuses the trial: tool by tool, or both at once if they touch before or after.
+    /// Takes or refuses the trial: tool by tool, or both at once if they touch before or after, or share a bone that yields.
     fn decide(&mut self, step: &Vector12, idle: &[bool; 2]) {
         let pose = |t: usize| {
             let s = &self.scratch;
@@ -308,14 +318,15 @@ impl<'a> Solve<'a> {
                 s.trial[t].pose
             }
         };
-        let pair = self.pair_at(&[pose(0), pose(1)]);
-        let touching = self.scratch.pair.n_contacts + pair.n_contacts > 0;
+        let held = self.hold(&[pose(0), pose(1)]);
+        let pair = self.pair_at(&held.poses);
+        let together = self.bone.is_some() || self.scratch.pair.n_contacts + pair.n_contacts > 0;
         let active = idle.map(|i| !i);
-        let taken = if touching {
-            [self.judge(active, step, Some(&pair)); 2]
+        let taken = if together {
+            [self.judge(active, step, &held, Some(&pair)); 2]
         } else {
             [[true, false], [false, true]]
-                .map(|only| self.judge([0, 1].map(|t| only[t] && active[t]), step, None))
+                .map(|only| self.judge([0, 1].map(|t| only[t] && active[t]), step, &held, None))
         };
         for t in 0..2 {
             if taken[t] && active[t] {
@@ -325,15 +336,23 @@ impl<'a> Solve<'a> {
         }
         let mixed = active[0] && active[1] && taken[0] != taken[1];
         if mixed {
-            self.scratch.pair = self.pair_at(&[0, 1].map(|t| self.scratch.now[t].pose));
+            self.scratch.held = self.hold(&[0, 1].map(|t| self.scratch.now[t].pose));
+            self.scratch.pair = self.pair_at(&self.scratch.held.poses);
         } else if (0..2).any(|t| active[t] && taken[t]) {
+            self.scratch.held = held;
             self.scratch.pair = pair;
         }
     }
 
     /// Whether the trial of the `tools` together is better than where they are; adapts their radii.
-    fn judge(&mut self, tools: [bool; 2], step: &Vector12, pair: Option<&PairResponse>) -> bool {
-        let verdict = self.compare(tools, step, pair);
+    fn judge(
+        &mut self,
+        tools: [bool; 2],
+        step: &Vector12,
+        held: &Held,
+        pair: Option<&PairResponse>,
+    ) -> bool {
+        let verdict = self.compare(tools, step, held, pair);
         for t in (0..2).filter(|&t| tools[t]) {
             let length = part(step, t).norm();
             self.radius[t] = match verdict {
@@ -345,12 +364,20 @@ impl<'a> Solve<'a> {
         !matches!(verdict, Verdict::Worse { .. })
     }
 
-    fn compare(&self, tools: [bool; 2], step: &Vector12, pair: Option<&PairResponse>) -> Verdict {
+    fn compare(
+        &self,
+        tools: [bool; 2],
+        step: &Vector12,
+        held: &Held,
+        pair: Option<&PairResponse>,
+    ) -> Verdict {
         let none = PairResponse::NONE;
         let [old_pair, new_pair] = [&self.scratch.pair, pair.unwrap_or(&none)];
         let mut p = *step;
         let (mut before, mut after) = (Vector12::zeros(), Vector12::zeros());
+        let old_held = &self.scratch.held;
         let mut gain = old_pair.energy - new_pair.energy;
+        gain += old_held.bone_energy - held.bone_energy;
         let mut noise = 1e-9;
         for t in (0..2).filter(|&t| !tools[t]) {
             p.fixed_rows_mut::<6>(6 * t).fill(0.0);
@@ -359,14 +386,16 @@ impl<'a> Solve<'a> {
             let (now, trial) = (&self.scratch.now[t], &self.scratch.trial[t]);
             let friction = now.response.friction + trial.response.friction;
             let work = 0.5 * friction.to_vector().dot(&self.motion(step, t));
-            gain += now.energy() - trial.energy() + work;
+            let energy = |held: &Held, e: &Evaluation| held.couplings[t].energy + e.response.energy;
+            gain += energy(old_held, now) - energy(held, trial) + work;
             noise += DEPTH_ROUNDING * trial.response.total().force.norm();
-            let put = |sum: &mut Vector12, e: &Evaluation, pair: &PairResponse| {
-                let wrench = self.scaled(&(e.wrench() + pair.wrenches[t]));
+            let put = |sum: &mut Vector12, held: &Held, e: &Evaluation, pair: &PairResponse| {
+                let own = held.couplings[t].wrench + e.response.total();
+                let wrench = self.scaled(&(own + pair.wrenches[t]));
                 sum.fixed_rows_mut::<6>(6 * t).copy_from(&wrench);
             };
-            put(&mut before, now, old_pair);
-            put(&mut after, trial, new_pair);
+            put(&mut before, old_held, now, old_pair);
+            put(&mut after, held, trial, new_pair);
         }
         let slope = before.dot(&p);
         let curvature = p.dot(&(self.stiffness() * p));
@@ -395,7 +424,8 @@ impl<'a> Solve<'a> {
     fn forces(&self) -> Vector12 {
         let mut f = Vector12::zeros();
         for t in 0..2 {
-            let sum = self.scratch.now[t].wrench() + self.scratch.pair.wrenches[t];
+            let own = self.scratch.held.couplings[t].wrench + self.scratch.now[t].response.total();
+            let sum = own + self.scratch.pair.wrenches[t];
             f.fixed_rows_mut::<6>(6 * t).copy_from(&self.scaled(&sum));
         }
         f
@@ -404,9 +434,10 @@ impl<'a> Solve<'a> {
     /// Minus the derivative of [`forces`](Self::forces), symmetric.
     fn stiffness(&self) -> Matrix12 {
         let mut h = self.scratch.pair.stiffness;
+        let held = &self.scratch.held.stiffness;
+        h += 0.5 * (held + held.transpose());
         for t in 0..2 {
-            let e = &self.scratch.now[t];
-            let own = e.response.stiffness + e.coupling.stiffness;
+            let own = &self.scratch.now[t].response.stiffness;
             let mut block = h.fixed_view_mut::<6, 6>(6 * t, 6 * t);
             block += 0.5 * (own + own.transpose());
         }
@@ -441,7 +472,7 @@ impl<'a> Solve<'a> {
     }
 
     fn at_rest(&self, t: usize) -> bool {
-        let pull = self.scaled(&self.scratch.now[t].coupling.wrench).norm();
+        let pull = self.scaled(&self.scratch.held.couplings[t].wrench).norm();
         self.residual(t)
             <= self
                 .settings
@@ -479,7 +510,11 @@ impl<'a> Solve<'a> {
         );
         let anchors = &self.input.anchors[t];
         trial.response = respond(&mut trial.contacts, &self.model.law, anchors, pose);
-        trial.coupling = tool.coupling.respond(&self.input.devices[t], pose);
+    }
+
+    fn hold(&self, relative: &[Pose; 2]) -> Held {
+        let (devices, guess) = (self.input.devices, &self.scratch.held.motion);
+        hold(self.model, devices, relative, self.bone.as_ref(), guess)
     }
 
     fn pair_at(&self, poses: &[Pose; 2]) -> PairResponse {
@@ -491,12 +526,9 @@ impl<'a> Solve<'a> {
         let s = &self.scratch;
         let each = |f: &dyn Fn(&Evaluation) -> f64| s.now.iter().map(f).sum::<f64>();
         ToolsResult {
-            coupling: [0, 1].map(|t| s.now[t].coupling.wrench),
+            coupling: s.held.couplings.map(|c| c.wrench),
             contact: [0, 1].map(|t| s.now[t].response.total() + s.pair.wrenches[t]),
-            saturation: [0, 1].map(|t| {
-                let c = &s.now[t].coupling;
-                [c.force_saturation, c.torque_saturation]
-            }),
+            saturation: (s.held.couplings).map(|c| [c.force_saturation, c.torque_saturation]),
             residual: [0, 1].map(|t| self.residual(t)),
             converged: (0..2).all(|t| self.at_rest(t)),
             iterations,
@@ -539,25 +571,6 @@ fn onset(slope: f64, curvature: f64, surplus: [f64; 2]) -> f64 {
     }
 }
 
-impl Evaluation {
-    fn energy(&self) -> f64 {
-        self.coupling.energy + self.response.energy
-    }
-
-    fn wrench(&self) -> Wrench {
-        self.coupling.wrench + self.response.total()
-    }
-}
-
 fn part(v: &Vector12, t: usize) -> Vector6 {
     v.fixed_rows::<6>(6 * t).into()
-}
-
-/// A pose after a small motion in world axes about its own origin.
-fn moved(pose: &Pose, motion: &Vector6) -> Pose {
-    let way: Vec3 = motion.fixed_rows::<3>(0).into();
-    let turn: Vec3 = motion.fixed_rows::<3>(3).into();
-    let mut rotation = UnitQuaternion::from_scaled_axis(turn) * pose.rotation;
-    rotation.renormalize();
-    Pose::from_parts(Translation3::from(pose.translation.vector + way), rotation)
 }

@@ -9,8 +9,9 @@ use osteotome_mechanics::geometry::{Pose, Vec3};
 use osteotome_mechanics::step::haptic::{
     DeviceLimits, HapticInput, HapticModel, HapticState, haptic_step,
 };
+use osteotome_mechanics::step::main::MainState;
 use osteotome_mechanics::step::{Bone, BoneState};
-use osteotome_mechanics::tool::{ScratchLimits, SolveSettings, ToolModel};
+use osteotome_mechanics::tool::{BoneCompliance, ScratchLimits, SolveSettings, ToolModel};
 use std::sync::Arc;
 
 /// What the haptic loop sees of the bone: one state, complete in itself.
@@ -22,6 +23,8 @@ pub struct BoneView {
     pub volumes: BoundingVolumes,
     /// Of this state.
     pub deformation: Vec<Matrix3x4<f32>>,
+    /// Of this state.
+    pub compliance: Option<BoneCompliance>,
     /// How far the bone has moved at each mark of the line \[mm\].
     pub line: Vec<Vec3>,
 }
@@ -33,15 +36,17 @@ impl BoneView {
             shell: bone.shell.clone(),
             volumes: BoundingVolumes::new(&bone.shell, &state.deformation),
             deformation: state.deformation.clone(),
+            compliance: None,
             line: Vec::new(),
         }
     }
 
     /// Follows to another state, reusing the memory.
-    pub fn update(&mut self, bone: &Bone, state: &BoneState, volumes: &BoundingVolumes) {
+    pub fn update(&mut self, bone: &Bone, state: &MainState) {
         self.shell.clone_from(&bone.shell);
-        self.deformation.clone_from(&state.deformation);
-        self.volumes.clone_from(volumes);
+        self.deformation.clone_from(&state.bone.deformation);
+        self.volumes.clone_from(&state.volumes);
+        self.compliance = state.compliance;
     }
 
     /// As contact wants it.
@@ -105,8 +110,10 @@ impl Haptic {
 
 impl HapticPart for Haptic {
     fn step(&mut self, devices: &[Pose; 2], dt: f64) -> [HandOutput; 2] {
+        let bone = self.bone.read();
         let input = HapticInput {
-            scene: self.bone.read().scene(),
+            scene: bone.scene(),
+            compliance: bone.compliance.as_ref(),
             devices: *devices,
             dt,
         };

@@ -71,7 +71,7 @@ impl Main {
     /// Hands the new state to the other loops.
     fn publish(&mut self) {
         let view = self.ends.to_haptic.input_buffer_mut();
-        view.update(&self.bone, &self.state.bone, &self.state.volumes);
+        view.update(&self.bone, &self.state);
         let moved = self
             .line
             .iter()

@@ -23,7 +23,6 @@ pub struct HandSample {
 #[derive(Clone, Copy, Debug)]
 pub struct HapticSample {
     /// Number of the step, from 0.
-    #[cfg_attr(not(test), expect(dead_code))]
     pub step: u64,
     /// Simulated time \[s\].
     pub time: f64,

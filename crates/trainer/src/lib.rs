@@ -1,0 +1,12 @@
+//! The program `osteotome` as a library: its binary and its benches share it. Nothing outside the workspace relies on it.
+pub mod cli;
+mod commands;
+pub mod engine;
+mod fracture;
+pub mod input;
+pub mod loops;
+pub mod scenario;
+pub mod session;
+pub mod surgeon;
+mod talk;
+mod verify;
