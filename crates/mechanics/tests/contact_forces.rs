@@ -2,8 +2,8 @@
 mod support;
 
 use osteotome_mechanics::contact::{
-    Anchors, Candidates, Contact, ContactLaw, PointOrigin, PointShell, Response, ShellPoint,
-    ShellPoints, append_point_forces, penetrations, respond, respond_pair,
+    Anchors, Contact, ContactLaw, ContactScene, NearPoints, PointOrigin, PointShell, Response,
+    ShellPoint, ShellPoints, append_point_forces, penetrations, respond, respond_pair,
 };
 use osteotome_mechanics::geometry::{Pose, TetLocator, Vec3};
 use osteotome_mechanics::tool::ToolModel;
@@ -11,11 +11,11 @@ use support::{Block, aside, downward, model, moved, noise};
 
 fn contacts(model: &ToolModel, block: &Block, pose: &Pose) -> Vec<Contact> {
     let shape = &model.tools[0].shape;
-    let mut near = Candidates::with_capacity(4096);
-    near.gather(shape, pose, 0.5, &block.volumes);
+    let mut near = NearPoints::with_capacity(4096, 16_384);
+    near.find(shape, pose, &block.scene());
     let mut found = Vec::with_capacity(16_384);
-    let n_dropped = penetrations(shape, pose, &block.scene(), &near, &mut found);
-    assert_eq!(n_dropped, 0);
+    penetrations(shape, pose, &block.scene(), &near, &mut found);
+    assert_eq!(near.n_dropped(), 0);
     found
 }
 
@@ -373,4 +373,53 @@ fn a_blade_ahead_of_the_crack_pushes_both_walls_apart() {
         assert!(push(side, true).iter().all(|f| f.force.y * side > 0.0));
     }
     assert!(push(1.0, false).iter().all(|f| f.force.y < 0.0));
+}
+
+/// Points found once serve as long as shape and bone stay near where they were: the contacts are those of a search at each step.
+#[test]
+fn near_points_are_kept_without_losing_a_contact() {
+    let block = Block::still(16);
+    let model = model(0.0);
+    let shape = &model.tools[0].shape;
+    let scene = ContactScene {
+        state: 7,
+        ..block.scene()
+    };
+    let mut near = NearPoints::with_capacity(4096, 16_384);
+    let mut kept = Vec::with_capacity(16_384);
+    let mut random = noise(11);
+    let mut pose = downward(Vec3::new(-6.0, 0.4, -1.0), Vec3::zeros());
+    let mut n_contacts = 0;
+    for step in 0..400 {
+        let motion = [0, 1, 2, 3, 4, 5].map(|k| random() * if k < 3 { 0.06 } else { 0.001 });
+        let towards = -1.0 - pose.translation.vector.z;
+        pose = moved(&pose, &motion);
+        pose.translation.vector.z += 0.1 * towards;
+        near.follow(shape, &pose, &scene);
+        penetrations(shape, &pose, &scene, &near, &mut kept);
+        assert_eq!(kept, contacts(&model, &block, &pose), "step {step}");
+        n_contacts += kept.len();
+    }
+    assert!(n_contacts > 400, "{n_contacts}: hardly touched");
+}
+
+/// Where there is no room for all, the shallow points are left out and counted.
+#[test]
+fn the_deepest_points_are_never_dropped() {
+    let block = Block::still(16);
+    let model = model(0.0);
+    let shape = &model.tools[0].shape;
+    let pose = downward(Vec3::new(-6.0, 0.4, -1.2), Vec3::new(0.2, 0.0, 0.1));
+    let all = contacts(&model, &block, &pose);
+    let room = all.len() / 3;
+    let mut near = NearPoints::with_capacity(4096, room);
+    near.find(shape, &pose, &block.scene());
+    let mut found = Vec::with_capacity(room);
+    penetrations(shape, &pose, &block.scene(), &near, &mut found);
+    assert!(near.n_dropped() > 0 && found.len() > room / 4);
+    let shallowest = found.iter().fold(f32::INFINITY, |d, c| d.min(c.depth));
+    let deeper = all.iter().filter(|c| c.depth > shallowest + 0.1);
+    for contact in deeper {
+        assert!(found.contains(contact), "lost one {} deep", contact.depth);
+    }
 }

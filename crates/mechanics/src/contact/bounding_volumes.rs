@@ -5,14 +5,20 @@ use nalgebra::Matrix3x4;
 /// A box around each cell that holds points, in a spatial hash (paper 4.2).
 ///
 /// The box of a cell is that of its deformed virtual nodes, since a point inside is their convex combination: the points
-/// themselves are not touched. Double-buffer by owning two. [`update`](Self::update) allocates only while it grows past
+/// themselves are not touched. The hash is made anew only once a box has moved out of the room that it was given there.
+/// Double-buffer by owning two. [`update`](Self::update) allocates only while it grows past
 /// its largest size so far; queries never do.
 #[derive(Clone, Debug)]
 pub struct BoundingVolumes {
     boxes: Vec<(u32, Aabb)>,
     bounds: Aabb,
     hash: SpatialHash,
+    /// The boxes that the hash knows: those of an earlier state, grown by [`SLACK`].
+    hashed: Vec<(u32, Aabb)>,
 }
+
+/// Boxes may move this far \[mm\] before they are hashed anew.
+const SLACK: f64 = 0.5;
 
 impl Default for BoundingVolumes {
     fn default() -> Self {
@@ -20,6 +26,7 @@ impl Default for BoundingVolumes {
             boxes: Vec::new(),
             bounds: Aabb::EMPTY,
             hash: SpatialHash::default(),
+            hashed: Vec::new(),
         }
     }
 }
@@ -50,8 +57,19 @@ impl BoundingVolumes {
             self.bounds.add(&cell_box.max);
             self.boxes.push((c as u32, cell_box));
         }
-        let mean = size / self.boxes.len().max(1) as f64;
-        self.hash.rebuild(mean.max(1e-3), &self.boxes);
+        let holds =
+            |(own, kept): (&(u32, Aabb), &(u32, Aabb))| own.0 == kept.0 && kept.1.holds(&own.1);
+        let kept =
+            self.hashed.len() == self.boxes.len() && self.boxes.iter().zip(&self.hashed).all(holds);
+        if !kept {
+            self.hashed.clear();
+            let grown = self.boxes.iter().map(|(c, b)| (*c, b.grown(SLACK)));
+            self.hashed.extend(grown);
+            let mean = size / self.boxes.len().max(1) as f64;
+            let places = self.hashed.iter().enumerate();
+            let places = places.map(|(k, (_, b))| (k as u32, *b));
+            self.hash.rebuild(mean.max(1e-3), places);
+        }
     }
 
     /// How many cells hold points.
@@ -69,15 +87,19 @@ impl BoundingVolumes {
         &self.bounds
     }
 
-    /// Calls `visit` with each cell whose volume may meet `query`; one may come more than once.
-    pub fn query(&self, query: &Aabb, visit: impl FnMut(u32)) {
+    /// Calls `visit` with each cell whose volume may meet `query`, and the volume; one may come more than once.
+    pub fn query(&self, query: &Aabb, mut visit: impl FnMut(u32, &Aabb)) {
         // Only the common part: a tool that sticks far out, or has flown off, costs nothing there. NaN overlaps nothing.
         if query.overlaps(&self.bounds) {
             let common = Aabb {
                 min: query.min.sup(&self.bounds.min),
                 max: query.max.inf(&self.bounds.max),
             };
-            self.hash.query(&common, visit);
+            self.hash.query(&common, |place| {
+                if let Some((cell, volume)) = self.boxes.get(place as usize) {
+                    visit(*cell, volume);
+                }
+            });
         }
     }
 }

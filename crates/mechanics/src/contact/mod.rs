@@ -2,6 +2,7 @@
 mod boundary_points;
 mod bounding_volumes;
 mod friction;
+mod near;
 mod point_shell;
 mod query;
 mod response;
@@ -12,12 +13,13 @@ mod wrench;
 pub use boundary_points::boundary_points;
 pub use bounding_volumes::BoundingVolumes;
 pub use friction::Anchors;
+pub use near::NearPoints;
 pub use point_shell::{PointOrigin, PointShell, RenewedCells, ShellPoint, ShellPoints};
-pub(crate) use query::SIDE_DEPTH;
-pub use query::{Candidates, Contact, ContactScene, penetrations};
+pub use query::{Contact, ContactScene, penetrations};
 pub use response::{
     ContactLaw, ContactLawError, PointForce, Response, append_point_forces, respond,
 };
+pub(crate) use rigid_shape::SIDE_DEPTH;
 pub use rigid_shape::{RigidShape, SurfaceSample};
 pub use shape_pair::{PairResponse, respond_pair};
 pub use wrench::{Matrix6, Vector6, Wrench};

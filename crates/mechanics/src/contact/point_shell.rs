@@ -274,6 +274,16 @@ impl PointShell {
         self.first_block[c] == self.first_block[c + 1]
     }
 
+    /// Places in the sorted list of the points of some cells.
+    pub fn places(&self, cells: Range<usize>) -> Range<usize> {
+        self.point_range(self.block_range(cells))
+    }
+
+    /// Wall normal of the point at place `k` of the sorted list: zero for points of the surface; `None` beyond its end.
+    pub fn normal(&self, k: usize) -> Option<[f32; 3]> {
+        self.normals.get(k).copied()
+    }
+
     /// The shape functions of the point at place `k` of the sorted list; `None` beyond its end.
     pub fn weights(&self, k: usize) -> Option<[f32; 4]> {
         let [a, b, c, d] = &self.weights;

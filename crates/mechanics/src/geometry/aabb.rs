@@ -25,6 +25,11 @@ impl Aabb {
         bounds
     }
 
+    /// Whether all of another box lies inside.
+    pub fn holds(&self, other: &Self) -> bool {
+        (0..3).all(|k| self.min[k] <= other.min[k] && other.max[k] <= self.max[k])
+    }
+
     /// Widens the box to hold `p`.
     pub fn add(&mut self, p: &Vec3) {
         self.min = self.min.inf(p);

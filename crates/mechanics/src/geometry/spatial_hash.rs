@@ -19,19 +19,23 @@ impl SpatialHash {
     /// Builds the table from `(id, box)` pairs.
     pub fn build(cell_size: f64, boxes: &[(u32, Aabb)]) -> Self {
         let mut table = Self::default();
-        table.rebuild(cell_size, boxes);
+        table.rebuild(cell_size, boxes.iter().copied());
         table
     }
 
     /// Builds the table again in place. `cell_size` \[mm\] is positive and about the size of the boxes.
-    pub fn rebuild(&mut self, cell_size: f64, boxes: &[(u32, Aabb)]) {
+    pub fn rebuild(
+        &mut self,
+        cell_size: f64,
+        boxes: impl ExactSizeIterator<Item = (u32, Aabb)> + Clone,
+    ) {
         self.cell_size = cell_size;
         let n_buckets = (2 * boxes.len()).next_power_of_two().max(16);
         self.mask = n_buckets - 1;
         self.first.clear();
         self.first.resize(n_buckets + 1, 0);
-        for (_, b) in boxes {
-            self.for_each_bucket(b, |k, first, _| first[k + 1] += 1);
+        for (_, b) in boxes.clone() {
+            self.for_each_bucket(&b, |k, first, _| first[k + 1] += 1);
         }
         for k in 0..n_buckets {
             self.first[k + 1] += self.first[k];
@@ -39,8 +43,8 @@ impl SpatialHash {
         self.items.clear();
         self.items.resize(self.first[n_buckets] as usize, 0);
         for (id, b) in boxes {
-            self.for_each_bucket(b, |k, first, items| {
-                items[first[k] as usize] = *id;
+            self.for_each_bucket(&b, |k, first, items| {
+                items[first[k] as usize] = id;
                 first[k] += 1;
             });
         }

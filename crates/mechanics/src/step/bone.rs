@@ -2,9 +2,9 @@ use super::crack_faces::CrackFaces;
 use super::walls::{in_kerf, push_walls, side_cell, tets_with};
 use crate::contact::{PointShell, RenewedCells, ShellPoint, ShellPoints};
 use crate::crack::stress_intensity::CellForce;
-use crate::crack::{BodyError, CrackSurface, CrackedBody, Solid, bridging_edges};
+use crate::crack::{BodyError, CrackSurface, CrackedBody, STANDARD, Solid, bridging_edges};
 use crate::geometry::{SignedDistance, Vec3};
-use nalgebra::Matrix3x4;
+use nalgebra::{Matrix3x4, Vector3};
 use std::ops::{Deref, Range};
 use std::sync::{Arc, OnceLock};
 
@@ -173,14 +173,23 @@ impl Bone {
     /// Recomputes the cells' matrices from the unknowns.
     pub fn deform(&self, state: &mut BoneState) {
         let mesh = &self.body.mesh;
-        state
-            .deformation
-            .resize(self.topology.cells().len(), Matrix3x4::zeros());
-        for (d, cell) in state.deformation.iter_mut().zip(self.topology.cells()) {
+        let nodes: Vec<Vector3<f32>> = (mesh.nodes().iter().enumerate())
+            .map(|(i, x)| (x + self.system.displacement(i, &state.x)).cast())
+            .collect();
+        let cells = self.topology.cells();
+        state.deformation.resize(cells.len(), Matrix3x4::zeros());
+        for (d, cell) in state.deformation.iter_mut().zip(cells) {
+            let corners = mesh.tets()[cell.tet as usize];
+            if cell.enrichment == [STANDARD; 4] {
+                for (mut column, n) in d.column_iter_mut().zip(corners) {
+                    column.copy_from(&nodes[n as usize]);
+                }
+                continue;
+            }
             let u = self.system.cell_displacements(mesh, cell, &state.x);
-            let x = mesh.corners(cell.tet as usize);
             for k in 0..4 {
-                d.set_column(k, &(x[k] + u[k]).cast());
+                let x = mesh.nodes()[corners[k] as usize];
+                d.set_column(k, &(x + u[k]).cast());
             }
         }
     }

@@ -87,6 +87,8 @@ pub struct MainState {
     acceleration: Acceleration,
     yielding: Option<Yielding>,
     trial: Vec<f64>,
+    /// Counts the states of the scene that contact has seen; from 1.
+    scene_state: u64,
     /// The soft tissue's pull towards where the bone was at the start of the step, half solved.
     drag: Swept,
     swept: Swept,
@@ -106,6 +108,7 @@ impl MainState {
             acceleration: Acceleration::default(),
             yielding: None,
             trial: Vec::new(),
+            scene_state: 1,
             drag: Swept::default(),
             swept: Swept::default(),
             bone: state,
@@ -125,6 +128,7 @@ impl MainState {
         new.deform(&mut next);
         next.strain_energy = self.bone.strain_energy;
         self.volumes.update(&new.shell, &next.deformation);
+        self.scene_state += 1;
         self.bone = next;
     }
 
@@ -134,6 +138,7 @@ impl MainState {
             shell: &bone.shell,
             volumes: &self.volumes,
             deformation: &self.bone.deformation,
+            state: self.scene_state,
         }
     }
 }
@@ -176,6 +181,7 @@ pub fn main_step(
         // 3: collision detection follows the bone.
         bone.deform(&mut state.bone);
         state.volumes.update(&bone.shell, &state.bone.deformation);
+        state.scene_state += 1;
         if last {
             let n_closed = loads.len() - loads.partition_point(|l| l.1 == Source::Tool);
             state.bone.loads = loads.into_iter().map(|l| l.0).collect();
@@ -211,6 +217,7 @@ fn rest_tools(
         shell: &bone.shell,
         volumes: &state.volumes,
         deformation: &state.bone.deformation,
+        state: state.scene_state,
     };
     let input = ToolInput {
         scene,
@@ -243,6 +250,7 @@ fn solve_bone(
             shell: &bone.shell,
             volumes: &state.volumes,
             deformation: &state.bone.deformation,
+            state: state.scene_state,
         },
     );
     let load = |f: &PointForce| CellForce {

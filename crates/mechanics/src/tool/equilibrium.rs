@@ -1,7 +1,7 @@
 use super::bone_compliance::{Carried, Held, hold, shifted};
 use super::{BoneCompliance, Coupling, Matrix12, Vector12, bounded_step};
 use crate::contact::{
-    Anchors, Candidates, Contact, ContactLaw, ContactScene, PairResponse, PointForce, Response,
+    Anchors, Contact, ContactLaw, ContactScene, NearPoints, PairResponse, PointForce, Response,
     RigidShape, Vector6, Wrench, append_point_forces, penetrations, respond, respond_pair,
 };
 use crate::geometry::Pose;
@@ -140,7 +140,7 @@ impl Default for ScratchLimits {
 /// The memory of [`solve_tools`] and its last contacts. Nothing allocates after construction.
 #[derive(Clone, Debug)]
 pub struct ToolScratch {
-    near: [Near; 2],
+    near: [NearPoints; 2],
     now: [Evaluation; 2],
     trial: [Evaluation; 2],
     held: Held,
@@ -148,24 +148,13 @@ pub struct ToolScratch {
     forces: Vec<PointForce>,
 }
 
-/// Cells near a tool, and where it was when they were found.
-#[derive(Clone, Debug)]
-struct Near {
-    candidates: Candidates,
-    found_at: Pose,
-}
-
 /// One tool at one pose relative to the bone.
 #[derive(Clone, Debug)]
 struct Evaluation {
     pose: Pose,
     contacts: Vec<Contact>,
-    n_dropped: usize,
     response: Response,
 }
-
-/// Cells are gathered this far around a tool \[mm\], and again when it has moved farther.
-const GATHER_MARGIN: f64 = 1.0;
 
 impl ToolScratch {
     /// Room for scenes within `limits`.
@@ -173,13 +162,9 @@ impl ToolScratch {
         let evaluation = || Evaluation {
             pose: Pose::identity(),
             contacts: Vec::with_capacity(limits.n_contacts),
-            n_dropped: 0,
             response: Response::NONE,
         };
-        let near = || Near {
-            candidates: Candidates::with_capacity(limits.n_cells),
-            found_at: Pose::identity(),
-        };
+        let near = || NearPoints::with_capacity(limits.n_cells, limits.n_contacts);
         Self {
             near: [near(), near()],
             now: [evaluation(), evaluation()],
@@ -275,7 +260,6 @@ impl<'a> Solve<'a> {
         };
         solve.scratch.held.motion = motion;
         for (t, pose) in relative.iter().enumerate() {
-            solve.gather(t, pose);
             solve.evaluate(t, pose);
         }
         std::mem::swap(&mut solve.scratch.now, &mut solve.scratch.trial);
@@ -299,9 +283,6 @@ impl<'a> Solve<'a> {
         let step = self.step(&idle);
         for t in (0..2).filter(|&t| !idle[t]) {
             let pose = shifted(&self.scratch.now[t].pose, &self.motion(&step, t));
-            if self.has_left(t, &pose) {
-                self.gather(t, &pose);
-            }
             self.evaluate(t, &pose);
         }
         self.decide(&step, &idle);
@@ -480,34 +461,14 @@ impl<'a> Solve<'a> {
                 .max(self.settings.tolerance * pull)
     }
 
-    fn gather(&mut self, t: usize, pose: &Pose) {
-        let near = &mut self.scratch.near[t];
-        let shape = &self.model.tools[t].shape;
-        let volumes = self.input.scene.volumes;
-        near.candidates.gather(shape, pose, GATHER_MARGIN, volumes);
-        near.found_at = *pose;
-    }
-
-    fn has_left(&self, t: usize, pose: &Pose) -> bool {
-        let bounds = &self.model.tools[t].shape.bounds;
-        let reach = bounds.min.abs().sup(&bounds.max.abs()).norm();
-        let found_at = &self.scratch.near[t].found_at;
-        let way = (pose.translation.vector - found_at.translation.vector).norm();
-        way + reach * pose.rotation.angle_to(&found_at.rotation) > GATHER_MARGIN
-    }
-
     /// Puts tool `t` at `pose` for trial.
     fn evaluate(&mut self, t: usize, pose: &Pose) {
         let tool = &self.model.tools[t];
-        let trial = &mut self.scratch.trial[t];
+        let (near, trial) = (&mut self.scratch.near[t], &mut self.scratch.trial[t]);
         trial.pose = *pose;
-        trial.n_dropped = penetrations(
-            &tool.shape,
-            pose,
-            &self.input.scene,
-            &self.scratch.near[t].candidates,
-            &mut trial.contacts,
-        );
+        near.follow(&tool.shape, pose, &self.input.scene);
+        let scene = &self.input.scene;
+        penetrations(&tool.shape, pose, scene, near, &mut trial.contacts);
         let anchors = &self.input.anchors[t];
         trial.response = respond(&mut trial.contacts, &self.model.law, anchors, pose);
     }
@@ -534,7 +495,7 @@ impl<'a> Solve<'a> {
             iterations,
             n_contacts: [0, 1].map(|t| s.now[t].contacts.len()),
             n_pair_contacts: s.pair.n_contacts,
-            n_dropped: s.now.iter().map(|e| e.n_dropped).sum(),
+            n_dropped: s.near.iter().map(NearPoints::n_dropped).sum(),
             contact_energy: each(&|e| e.response.energy) + s.pair.energy,
         }
     }

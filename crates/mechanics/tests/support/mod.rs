@@ -47,6 +47,7 @@ impl Block {
             shell: &self.shell,
             volumes: &self.volumes,
             deformation: &self.deformation,
+            state: 0,
         }
     }
 

@@ -23,6 +23,8 @@ pub struct BoneView {
     pub volumes: BoundingVolumes,
     /// Of this state.
     pub deformation: Vec<Matrix3x4<f32>>,
+    /// Number of this state, from 1.
+    pub number: u64,
     /// Of this state.
     pub compliance: Option<BoneCompliance>,
     /// How far the bone has moved at each mark of the line \[mm\].
@@ -36,13 +38,15 @@ impl BoneView {
             shell: bone.shell.clone(),
             volumes: BoundingVolumes::new(&bone.shell, &state.deformation),
             deformation: state.deformation.clone(),
+            number: 1,
             compliance: None,
             line: Vec::new(),
         }
     }
 
     /// Follows to another state, reusing the memory.
-    pub fn update(&mut self, bone: &Bone, state: &MainState) {
+    pub fn update(&mut self, bone: &Bone, state: &MainState, number: u64) {
+        self.number = number;
         self.shell.clone_from(&bone.shell);
         self.deformation.clone_from(&state.bone.deformation);
         self.volumes.clone_from(&state.volumes);
@@ -55,6 +59,7 @@ impl BoneView {
             shell: &self.shell,
             volumes: &self.volumes,
             deformation: &self.deformation,
+            state: self.number,
         }
     }
 }

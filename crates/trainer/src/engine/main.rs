@@ -70,8 +70,10 @@ impl Main {
 
     /// Hands the new state to the other loops.
     fn publish(&mut self) {
+        self.serial += 1;
         let view = self.ends.to_haptic.input_buffer_mut();
-        view.update(&self.bone, &self.state);
+        // The view at rest that the haptic loop began with is number 1.
+        view.update(&self.bone, &self.state, self.serial + 1);
         let moved = self
             .line
             .iter()
@@ -79,7 +81,6 @@ impl Main {
         view.line.clear();
         view.line.extend(moved);
         self.ends.to_haptic.publish();
-        self.serial += 1;
         let loaded = self.ends.to_propagation.input_buffer_mut();
         loaded.serial = self.serial;
         loaded.state.clone_from(&self.state.bone);

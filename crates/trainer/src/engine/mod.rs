@@ -72,7 +72,11 @@ pub fn final_bone(engine: &Engine) -> FinalBone {
     bone_file::final_bone(engine.main.bone(), engine.main.state())
 }
 
-fn tool_model(scenario: &Scenario) -> Result<ToolModel> {
+/// The chisels with their couplings, and the contact law.
+///
+/// # Errors
+/// A number of the scenario that the mechanics refuses.
+pub fn tool_model(scenario: &Scenario) -> Result<ToolModel> {
     let tool = |i: usize| one_tool(&scenario.tool[i]).with_context(|| format!("tool.{i}"));
     Ok(ToolModel {
         tools: [tool(0)?, tool(1)?],
