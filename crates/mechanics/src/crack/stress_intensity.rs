@@ -18,7 +18,8 @@
 //!   ragged faces threw kinks about by 10 degrees, while without it K and J agree within 2 % behind a kink of 40 degrees.
 //! - Material: the interaction integral takes the mean over the station's domain for the auxiliary field and each element's
 //!   own for the real one. In an inhomogeneous body K_I : K_II : K_III are therefore those of a homogeneous body of the mean
-//!   material near the front; terms of the gradient of E are left out.
+//!   material near the front; terms of the gradient of E are left out. In an orthotropic body the auxiliary field is that of the
+//!   isotropic mean: J stays valid, K is an approximation (`tests/orthotropic_cracks.rs` measures its error).
 use super::criterion::StressIntensity;
 use super::cut_edges::CutEdges;
 use super::cut_polygon::cut_polygon;
@@ -298,7 +299,7 @@ impl<'a> Domain<'a> {
                 places,
                 volume: fields.mesh.volumes()[t as usize] * cell.fraction,
                 grad_u,
-                stress: stiffness::stress(&fields.materials[t as usize].lame(), &grad_u),
+                stress: fields.materials[t as usize].elasticity().stress(&grad_u),
                 at,
             });
         }
@@ -725,6 +726,7 @@ impl MaterialSum {
         TetMaterial {
             young_modulus,
             poisson_ratio,
+            orthotropic: None,
             toughness_along,
             toughness_across,
             osteon: self.osteon.try_normalize(1e-12).unwrap_or(fallback.osteon),
