@@ -72,8 +72,7 @@ impl EngineeringConstants {
             ("nu13", self.nu13, "e1 / e3", self.e1, self.e3),
         ] {
             let limit = (ei / ej).sqrt();
-            // Written so that a value that is no number fails.
-            if !(value.abs() < limit) {
+            if value.is_nan() || value.abs() >= limit {
                 return Err(MaterialError::Contraction {
                     name,
                     value,
