@@ -8,7 +8,7 @@
 A block of bricks cut into six tetrahedra each, inner nodes moved at random, clamped below and moved as a whole above. The plane
 of the crack lies anywhere between the nodes; the crack ends on the element faces x = END, so that both codes cut exactly the
 elements with all nodes at x <= END that the plane crosses. Osteotome cuts the elements whose polygon's centre lies less than
-.85 h ahead of the geometric front: its front is put behind END, in steps of .05 mm, to where it enriches as many nodes as GetFEM.
+.52 h ahead of the geometric front: its front is put behind END, in steps of .05 mm, to where it enriches as many nodes as GetFEM.
 
 The spaces coincide: GetFEM gives a node one function for each connected zone of its support, osteotome u_i and one jump for each
 component beyond the node's own. They would differ where a front ends inside an element (GetFEM cuts it up to the front,
