@@ -156,6 +156,9 @@ pub struct Growth {
     /// Direction and strength.
     #[serde(default)]
     pub criterion: CriterionName,
+    /// Share of the twist asked for by K_III that a front takes in one step, 0 to 1.
+    #[serde(default)]
+    pub twist: f64,
     /// Largest advance in one step \[mm\]; without it 0.8 element sizes.
     pub increment: Option<f64>,
     /// Whether the load follows the crack.
@@ -250,6 +253,11 @@ impl Case {
                 g.steps <= MAX_STEPS,
                 "growth.steps: {} is out of range; it must be at most {MAX_STEPS}",
                 g.steps
+            );
+            ensure!(
+                (0.0..=1.0).contains(&g.twist),
+                "growth.twist: {} is out of range; it must lie between 0 and 1",
+                g.twist
             );
             if let Some(increment) = g.increment {
                 positive("growth.increment", increment)?;
@@ -604,6 +612,11 @@ load = "scaled"
                 "increment = 1.0",
                 "increment = 0",
                 ["growth.increment", "above 0"],
+            ),
+            (
+                "steps = 10",
+                "steps = 10\ntwist = nan",
+                ["growth.twist: NaN", "between 0 and 1"],
             ),
             ("\"scaled\"", "\"rising\"", ["growth.load", "scaled"]),
             ("\"mserrc\"", "\"hoop\"", ["growth.criterion", "mserrc"]),

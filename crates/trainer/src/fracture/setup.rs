@@ -44,6 +44,7 @@ impl Problem {
         let lengths = GrowthLengths {
             max_kink: MAX_KINK,
             increment: growth.and_then(|g| g.increment).unwrap_or(usual.increment),
+            twist: growth.map_or(0.0, |g| g.twist),
             criterion: growth.map_or(usual.criterion, |g| g.criterion.criterion()),
             ..usual
         };
