@@ -79,9 +79,9 @@ fn parametric_patient_fits_together() {
         .iter()
         .filter(|p| locator.find_near(&patient.mesh, &p.anchor, 1.5).is_none())
         .count();
-    // The tips of the coronoids, which a mesh of 600 nodes may blunt by up to 4.5 mm (tests/mandible_mesh.rs).
+    // The tips of the coronoids, which a mesh of 600 nodes may blunt by up to 4.5 mm (tests/mandible_mesh.rs): measured 59.
     assert!(
-        lost < 100,
+        lost < 70,
         "{lost} of 20000 shell points have no tetrahedron near"
     );
 }
