@@ -152,17 +152,24 @@ fn main() {
     for cells in [[24, 4, 4], [50, 9, 9], [100, 16, 14]] {
         let mut body = bar(cells);
         let n_steps = (cells[0] as f64 / (3.0 * 0.8 * H)) as usize;
+        let n_steps = n_steps.min(10);
         let mut steps = Vec::new();
-        for _ in 0..n_steps.min(10) {
+        for _ in 0..n_steps {
             let step = step(&body);
-            steps.push((step.ours, step.full));
+            // By stage, then the whole step: as it is done, and by the full method.
+            let mut times: Vec<[f64; 2]> = step
+                .ours
+                .into_iter()
+                .zip(step.full)
+                .map(|(o, f)| [o, f])
+                .collect();
+            times.push([step.ours.iter().sum(), step.full.iter().sum()]);
+            steps.push(times);
             body = step.next;
         }
-        let of = |f: &dyn Fn(&([f64; 7], [f64; 7])) -> f64| median(steps.iter().map(f).collect());
-        let mut column: Vec<[f64; 2]> =
-            (0..7).map(|i| [of(&|s| s.0[i]), of(&|s| s.1[i])]).collect();
-        column.push([of(&|s| s.0.iter().sum()), of(&|s| s.1.iter().sum())]);
-        columns.push((body.solid.mesh.nodes().len(), n_steps.min(10), column));
+        let of = |i: usize, k: usize| median(steps.iter().map(|s| s[i][k]).collect());
+        let column: Vec<[f64; 2]> = (0..=STAGES.len()).map(|i| [of(i, 0), of(i, 1)]).collect();
+        columns.push((body.solid.mesh.nodes().len(), n_steps, column));
     }
     print!("| stage, ms (full method) |");
     columns
