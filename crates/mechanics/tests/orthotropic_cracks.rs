@@ -5,20 +5,20 @@
 //! G_I = K_I^2 sqrt(a11 a22 / 2) sqrt(b), G_II = K_II^2 a11 sqrt(b / 2); a_ij are the compliances in the plane.
 //! nu13 = nu23 = 0, so that the plate's faces add no third dimension. Finite size: half width 6 a, height 6 a (K +1 %).
 //!
-//! J needs no auxiliary field and stays valid in a homogeneous orthotropic body. K comes from the interaction with the fields of
-//! the isotropic mean (Hill), which are not this body's own: an approximation, whose error is measured here. Measured at a/h 10,
-//! 2 placements, error in % against the closed form, and J against the code's own dU/dA in tension and shear:
+//! J needs no auxiliary field. K comes from the interaction with isotropic fields, whose matrix onto K_I, K_II, K_III is integrated
+//! with the body's own near field (crack/anisotropic.rs). Measured at a/h 10, 2 placements, error in % against the closed form, and J
+//! against the code's own dU/dA in tension and shear:
 //!
 //! | E1 : E2 | G_I | G_II | K_I | K_II | K_II / K_I | J_I, J_II against dU/dA |
 //! |---|---|---|---|---|---|---|
-//! | 1 : 1 | +4 | -8 | -0 | -6 | -6 | +10, -3 |
-//! | 5 : 3 (crack along the osteons) | +1 | -15 | +2 | -18 | -19 | +7, -10 |
-//! | 3 : 5 (across) | +8 | -1 | -2 | +6 | +9 | +14, +4 |
-//! | 4 : 1 | -1 | -26 | +8 | -34 | -39 | +4, -21 |
-//! | 1 : 4 | +17 | +9 | -2 | +34 | +37 | +23, +15 |
+//! | 1 : 1 | -2 | -4 | -0 | -2 | -1 | +3, +1 |
+//! | 5 : 3 (crack along the osteons) | -3 | -5 | -1 | +0 | +1 | +3, +0 |
+//! | 3 : 5 (across) | -2 | -4 | -0 | -3 | -3 | +3, +1 |
+//! | 4 : 1 | -3 | -7 | -1 | +5 | +6 | +3, -2 |
+//! | 1 : 4 | -0 | -3 | +1 | -6 | -7 | +5, +1 |
 //!
-//! The error of G is that of the coarse field near the front: with q = 1 to 2 h and 0 from 3 h on G_II at 4 : 1 is -17 %. At the
-//! ratios of bone a kink of 40 degrees is so out by about 4.
+//! Read as if the body were isotropic (E' and mu of Hill's mean), the same integrals gave K_II / K_I 19 % too low at 5 : 3, 39 % at
+//! 4 : 1. What is left isotropic is the kink: Amestoy and Leblond's functions, with these K.
 mod support;
 use nalgebra::{Matrix3, Matrix6, Rotation3, Vector6};
 use osteotome_mechanics::bone::{
@@ -182,7 +182,8 @@ fn a_body_turned_with_its_axes_answers_alike() {
     }
 }
 
-/// Nine constants of an isotropic solid in any frame give what E and nu give: 1e-9.
+/// Nine constants of an isotropic solid in any frame give what E and nu give: energy and G to 1e-9, K to .2 % of K_I, as the
+/// formalism needs a nudge where its eigenvalues coincide.
 #[test]
 fn equal_constants_give_the_isotropic_answer() {
     let same = Orthotropic::new(
@@ -196,11 +197,18 @@ fn equal_constants_give_the_isotropic_answer() {
     let (expected, two) = edge_crack(&identity, |_| TetMaterial::isotropic(10_000.0, 0.3, 1.0));
     assert!((work / expected - 1.0).abs() < 1e-9);
     for (a, b) in stations.iter().zip(&two) {
-        let scale = b.k.k1.abs().max(1e-3);
         assert!(
-            (a.g - b.g).abs() < 1e-9 * b.g.abs().max(1e-4)
-                && (a.k.k1 - b.k.k1).abs() < 1e-9 * scale
+            (a.g - b.g).abs() < 1e-9 * b.g.abs().max(1e-4),
+            "G {} and {}",
+            a.g,
+            b.g
         );
+        for (p, q) in [(a.k.k1, b.k.k1), (a.k.k2, b.k.k2), (a.k.k3, b.k.k3)] {
+            assert!(
+                (p - q).abs() < 2e-3 * b.k.k1.abs().max(1e-3),
+                "K {p} and {q}"
+            );
+        }
     }
 }
 
@@ -300,44 +308,21 @@ fn errors(c: &EngineeringConstants, seed: u64) -> [f64; 7] {
     .map(|f| f - 1.0)
 }
 
-/// Limits, as shares: J against the closed form and against dU/dA .18 (.28 at 4 : 1), K and their ratio .22 (.45).
+/// Limits: 8 % against the closed forms, 6 % for J against dU/dA, as in isotropic bodies. `OSTEOTOME_LONG=1`: all materials.
 #[test]
 fn centre_crack_meets_sih_paris_and_irwin() {
-    let shear = 10_000.0 / 2.6;
-    let mild = [
-        ("E1 = E2", in_plane(10_000.0, 10_000.0, shear), 0.18, 0.22),
-        (
-            "E1 : E2 = 5 : 3",
-            in_plane(20_000.0, 12_000.0, 5500.0),
-            0.18,
-            0.22,
-        ),
-        (
-            "E1 : E2 = 3 : 5",
-            in_plane(12_000.0, 20_000.0, 5500.0),
-            0.18,
-            0.22,
-        ),
+    let cases = [
+        ("E1 : E2 = 5 : 3", in_plane(20_000.0, 12_000.0, 5500.0)),
+        ("E1 : E2 = 3 : 5", in_plane(12_000.0, 20_000.0, 5500.0)),
+        ("E1 = E2", in_plane(10_000.0, 10_000.0, 10_000.0 / 2.6)),
+        ("E1 : E2 = 4 : 1", in_plane(40_000.0, 10_000.0, 5000.0)),
+        ("E1 : E2 = 1 : 4", in_plane(10_000.0, 40_000.0, 5000.0)),
     ];
-    let strong = [
-        (
-            "E1 : E2 = 4 : 1",
-            in_plane(40_000.0, 10_000.0, 5000.0),
-            0.28,
-            0.45,
-        ),
-        (
-            "E1 : E2 = 1 : 4",
-            in_plane(10_000.0, 40_000.0, 5000.0),
-            0.28,
-            0.45,
-        ),
-    ];
+    let n_cases = if long() { cases.len() } else { 1 };
     let mut failed = Vec::new();
-    let strong = strong.into_iter().filter(|_| long());
-    for (name, c, of_g, of_k) in mild.into_iter().chain(strong) {
+    for (name, c) in cases.into_iter().take(n_cases) {
         let found: Vec<[f64; 7]> = (0..2).map(|seed| errors(&c, seed)).collect();
-        let limits = [of_g, of_g, of_g, of_g, of_k, of_k, of_k];
+        let limits = [0.08, 0.08, 0.06, 0.06, 0.08, 0.08, 0.08];
         let whats = [
             "G_I",
             "G_II",
@@ -358,4 +343,19 @@ fn centre_crack_meets_sih_paris_and_irwin() {
         }
     }
     assert!(failed.is_empty(), "{failed:?}");
+}
+
+/// Axes turned by 30 degrees in the plane: K_I and K_II are those of the remote stress, as the loads on a hole's border balance
+/// themselves, and tension opens no shear. Limits 8 %.
+#[test]
+fn askew_axes_change_no_stress_intensity() {
+    let (sin, cos) = (PI / 6.0).sin_cos();
+    let (one, two) = (Vec3::new(cos, 0.0, sin), Vec3::new(-sin, 0.0, cos));
+    let law = Orthotropic::new(&in_plane(20_000.0, 12_000.0, 5500.0), &one, &two).unwrap();
+    let specimen = plate(TetMaterial::orthotropic(law, 1.0), 1);
+    let [tension, shear] = centre_crack(&specimen, HALF, 1).map(|c| c.front);
+    let k = (PI * HALF).sqrt();
+    let found = [tension[1] / k - 1.0, tension[2] / k, shear[2] / k - 1.0];
+    measured(&format!("orthotropic, axes askew: {found:.3?}"));
+    assert!(found.iter().all(|e| e.abs() < 0.08), "{found:?}");
 }
