@@ -1,3 +1,4 @@
+use osteotome_mechanics::bone::MaterialError;
 use osteotome_mechanics::geometry::{MeshError, Vec3};
 
 /// Why a patient, or a file for one, was refused. Each text is one line: what, where, and what would be right.
@@ -45,6 +46,14 @@ pub enum AnatomyError {
         name: String,
         /// Which vertex.
         vertex: usize,
+    },
+    /// An elastic law that is not possible.
+    #[error("{key}: {source}")]
+    Material {
+        /// Which of the specification's materials.
+        key: &'static str,
+        /// What is wrong with it.
+        source: MaterialError,
     },
     /// The surface has holes.
     #[error(

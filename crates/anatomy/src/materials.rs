@@ -2,7 +2,7 @@
 use crate::error::{AnatomyError, in_range};
 use crate::landmarks::JawFrame;
 use crate::teeth::Crown;
-use osteotome_mechanics::bone::TetMaterial;
+use osteotome_mechanics::bone::{EngineeringConstants, Orthotropic, TetMaterial};
 use osteotome_mechanics::geometry::{Aabb, MeshDistance, SignedDistance, TetMesh, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -25,6 +25,8 @@ pub struct Tissue {
 pub struct MaterialSpec {
     /// The outer layer.
     pub cortical: Tissue,
+    /// The outer layer's elasticity if it is not isotropic: axis 1 along the jaw's centre line, axis 2 up, axis 3 across.
+    pub cortical_orthotropic: Option<EngineeringConstants>,
     /// The core.
     pub trabecular: Tissue,
     /// Teeth, where their crowns reach into the bone's mesh.
@@ -41,6 +43,7 @@ impl Default for MaterialSpec {
                 poisson_ratio: 0.3,
                 toughness: [0.5, 2.0],
             },
+            cortical_orthotropic: None,
             trabecular: Tissue {
                 young_modulus: 1_500.0,
                 poisson_ratio: 0.3,
@@ -82,6 +85,12 @@ impl MaterialSpec {
                 in_range(&key("toughness"), toughness, 1e-6, 1e6)?;
             }
         }
+        if let Some(nine) = &self.cortical_orthotropic {
+            nine.check().map_err(|source| AnatomyError::Material {
+                key: "material.cortical_orthotropic",
+                source,
+            })?;
+        }
         in_range(
             "material.cortical_thickness",
             self.cortical_thickness,
@@ -91,7 +100,7 @@ impl MaterialSpec {
     }
 
     /// Materials of all tetrahedra. Every property is the volume-weighted arithmetic mean of the tissues, their shares counted
-    /// at 35 points of the tetrahedron: tooth inside a crown, else by depth; what the mesh has outside the surface counts as cortical. Osteons follow the
+    /// at 35 points of the tetrahedron (of an orthotropic layer and the rest, the mean of the stiffnesses): tooth inside a crown, else by depth; what the mesh has outside the surface counts as cortical. Osteons follow the
     /// jaw's centre line.
     ///
     /// # Errors
@@ -113,18 +122,41 @@ impl MaterialSpec {
                     + trabecular * f(&self.trabecular)
                     + tooth * f(&self.teeth)
             };
-            TetMaterial {
+            let osteon = frame.along(&(corners.iter().sum::<Vec3>() * 0.25));
+            let mut material = TetMaterial {
                 young_modulus: mix(|m| m.young_modulus),
                 poisson_ratio: mix(|m| m.poisson_ratio),
+                orthotropic: None,
                 toughness_along: mix(|m| m.toughness[0]),
                 toughness_across: mix(|m| m.toughness[1]),
-                osteon: frame.along(&(corners.iter().sum::<Vec3>() * 0.25)),
-            }
+                osteon,
+            };
+            let Some(nine) = self.cortical_orthotropic.filter(|_| cortical > 0.0) else {
+                return Ok(material);
+            };
+            // The rest is isotropic, so the mean of the stiffnesses keeps the layer's axes.
+            let rest = (1.0 - cortical).max(1e-9);
+            let of_rest = |f: fn(&Tissue) -> f64| {
+                (trabecular * f(&self.trabecular) + tooth * f(&self.teeth)) / rest
+            };
+            let law = Orthotropic::new(&nine, &osteon, &across_of(&osteon))
+                .map_err(|source| AnatomyError::Material {
+                    key: "material.cortical_orthotropic",
+                    source,
+                })?
+                .mixed_with_isotropic(
+                    cortical,
+                    of_rest(|m| m.young_modulus),
+                    of_rest(|m| m.poisson_ratio),
+                );
+            (material.young_modulus, material.poisson_ratio) = law.isotropic_mean();
+            material.orthotropic = Some(law);
+            Ok(material)
         };
-        Ok((0..mesh.tets().len())
+        (0..mesh.tets().len())
             .into_par_iter()
             .map(material)
-            .collect())
+            .collect()
     }
 
     /// Parts of a tetrahedron that are cortical, trabecular and tooth.
@@ -151,6 +183,16 @@ impl MaterialSpec {
             count[tissue] += 1;
         }
         count.map(|n| f64::from(n) / samples.len() as f64)
+    }
+}
+
+/// A vector that, made square to the osteons, points up; where the osteons do so, as in the ramus, forwards.
+/// Its sense does not matter.
+fn across_of(osteon: &Vec3) -> Vec3 {
+    if osteon.z.abs() < 0.9 {
+        Vec3::z()
+    } else {
+        Vec3::y()
     }
 }
 

@@ -218,6 +218,11 @@ impl Patient {
                 m.toughness_across,
             ]);
             h.points(&[m.osteon]);
+            if let Some(law) = &m.orthotropic {
+                // Any two gradients that no symmetry favours tell laws and axes apart.
+                let (a, b) = (Vec3::new(1.0, 0.5, 0.25), Vec3::new(0.3, -0.2, 1.0));
+                h.numbers(law.block(&a, &b).as_slice());
+            }
         }
         for p in &self.shell {
             h.points(&[p.position, p.normal, p.anchor]);

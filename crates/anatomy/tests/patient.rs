@@ -3,6 +3,7 @@ use osteotome_anatomy::{
     MeshSource, OsteotomySource, Parameters, Patient, PatientSpec, Side, SurfaceSource, mesher,
     osteotomy, stl,
 };
+use osteotome_mechanics::bone::{EngineeringConstants, TetMaterial};
 use osteotome_mechanics::geometry::{MeshDistance, TetLocator, TriMesh};
 use std::path::PathBuf;
 
@@ -78,9 +79,9 @@ fn parametric_patient_fits_together() {
         .iter()
         .filter(|p| locator.find_near(&patient.mesh, &p.anchor, 1.5).is_none())
         .count();
-    // The tips of the coronoids, which a mesh of 600 nodes may blunt by up to 4.5 mm (tests/mandible_mesh.rs).
+    // The tips of the coronoids, which a mesh of 600 nodes may blunt by up to 4.5 mm (tests/mandible_mesh.rs): measured 59.
     assert!(
-        lost < 100,
+        lost < 70,
         "{lost} of 20000 shell points have no tetrahedron near"
     );
 }
@@ -120,6 +121,40 @@ fn crowns_are_felt_and_stiffen_what_they_reach() {
         .iter()
         .filter(|m| m.young_modulus > cortical);
     assert!(stiffer.count() > 0);
+}
+
+/// Nine constants of the isotropic layer change nothing but the form; a layer stiffer along the jaw is stiffer along the osteons.
+#[test]
+fn an_orthotropic_layer_follows_the_osteons() {
+    let plain = build(&small());
+    let tissue = small().material.cortical;
+    let with = |nine: EngineeringConstants| {
+        let mut spec = small();
+        spec.material.cortical_orthotropic = Some(nine);
+        build(&spec)
+    };
+    let mut nine = EngineeringConstants::isotropic(tissue.young_modulus, tissue.poisson_ratio);
+    let alike = with(nine);
+    nine.e1 *= 1.5;
+    let stiffer = with(nine);
+    let mut n_stiffer = 0;
+    for ((p, a), s) in plain
+        .materials
+        .iter()
+        .zip(&alike.materials)
+        .zip(&stiffer.materials)
+    {
+        let stretch = p.osteon * p.osteon.transpose();
+        let along = |m: &TetMaterial| p.osteon.dot(&(m.elasticity().stress(&stretch) * p.osteon));
+        assert!((along(a) / along(p) - 1.0).abs() < 1e-9);
+        assert!((a.young_modulus / p.young_modulus - 1.0).abs() < 1e-9);
+        n_stiffer += usize::from(along(s) > 1.2 * along(p));
+    }
+    assert!(
+        n_stiffer > plain.materials.len() / 4,
+        "{n_stiffer} tetrahedra"
+    );
+    assert_ne!(alike.digest(), stiffer.digest());
 }
 
 #[test]
@@ -214,6 +249,11 @@ fn bad_input_is_refused_in_one_line() {
     let mut material = small();
     material.material.cortical.young_modulus = -15_000.0;
     assert!(refusal(&material).starts_with("material.cortical.young_modulus = -15000 is outside"));
+    let mut material = small();
+    let mut nine = EngineeringConstants::isotropic(15_000.0, 0.3);
+    nine.g23 = 0.0;
+    material.material.cortical_orthotropic = Some(nine);
+    assert!(refusal(&material).starts_with("material.cortical_orthotropic: g23 is 0; it must be"));
     let mut material = small();
     material.material.cortical.poisson_ratio = 0.5;
     assert!(refusal(&material).starts_with("material.cortical.poisson_ratio = 0.5 is outside"));

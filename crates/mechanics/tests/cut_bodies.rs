@@ -1,6 +1,7 @@
 //! The cracked body's equations: what must cost no energy, and what must be held.
 //!
 //! Invariants, no golden numbers: exact patch test, rigid motions free, severed parts independent, junctions open.
+mod support;
 use osteotome_mechanics::bone::{Supports, TetMaterial, stiffness};
 use osteotome_mechanics::crack::{Cell, CutEdges, Fragments, System, Topology, bridging_edges};
 use osteotome_mechanics::geometry::{TetLocator, TetMesh, TriMesh, Vec3, block_mesh};
@@ -20,7 +21,29 @@ fn rectangle(corner: [f64; 3], along: [f64; 3], across: [f64; 3]) -> TriMesh {
 }
 
 fn body(sheets: &[TriMesh]) -> Body {
-    let mesh = block_mesh(Vec3::zeros(), Vec3::new(6.0, 5.0, 4.0), [6, 5, 4]);
+    cut(
+        block_mesh(Vec3::zeros(), Vec3::new(6.0, 5.0, 4.0), [6, 5, 4]),
+        sheets,
+    )
+}
+
+/// As [`body`], inner nodes moved at random by up to .1: nothing cancels by symmetry.
+fn uneven_body(sheets: &[TriMesh]) -> Body {
+    let even = block_mesh(Vec3::zeros(), Vec3::new(6.0, 5.0, 4.0), [6, 5, 4]);
+    let mut random = support::noise(5);
+    let size = even.bounds().max;
+    let moved = |p: &Vec3| {
+        Vec3::from_fn(|k, _| {
+            let shift = 0.1 * random();
+            let inner = p[k] > 1e-9 && p[k] < size[k] - 1e-9;
+            p[k] + if inner { shift } else { 0.0 }
+        })
+    };
+    let nodes = even.nodes().iter().map(moved).collect();
+    cut(TetMesh::new(nodes, even.tets().to_vec()).unwrap(), sheets)
+}
+
+fn cut(mesh: TetMesh, sheets: &[TriMesh]) -> Body {
     let locator = TetLocator::new(&mesh);
     let mut cuts = CutEdges::new(&mesh);
     for s in sheets {
@@ -272,8 +295,11 @@ fn a_tee_under_load_passes_nothing_on() {
 
 /// Constant stress along a fully cut body whose cut contains the axis of pull: the cut is not noticed.
 ///
-/// Flat cut: the cells' volumes are exact, 1e-9. At a T or a corner cells are bounded by planes through the crossing points, so
-/// the lines where sheets meet are rounded off; the test asks there for balance everywhere else.
+/// Flat cut: the cells' volumes are exact, 1e-9 everywhere. T and corner: 1e-9 everywhere in an even mesh, where the errors of
+/// neighbours cancel; in an uneven one from .9 h off the line where the sheets meet. Nearer, a tetrahedron knows the sheets by the
+/// crossing points on its edges alone, and the line between them is rounded off: measured up to .034 N out of balance, 2 % of
+/// s h^2 (limit .05). Exact volumes would need the sheets' planes in each such tetrahedron, and would change cells that a later
+/// sheet divides again, which must not be.
 #[test]
 fn a_cut_along_the_pull_passes_the_patch_test() {
     let field = |p: &Vec3| Vec3::new(-0.3 * p.x, p.y, -0.3 * p.z) * 1e-3;
@@ -291,31 +317,34 @@ fn a_cut_along_the_pull_passes_the_patch_test() {
         ),
         ("corner", corner().to_vec(), Some([3.4, 2.25])),
     ] {
-        let body = body(&sheets);
-        let system = system(&body, &ground(1e-11));
-        let x = system.interpolate(&body.mesh, &body.topology, |_, p| field(p));
-        let residual = system.multiply(&x);
-        let near =
-            |p: &Vec3| meeting.is_some_and(|[x, z]: [f64; 2]| (p.x - x).hypot(p.z - z) < 2.0);
-        // Unknowns are the nodes, then the enrichments, as nothing is held.
-        let nodes = (0..body.mesh.nodes().len() as u32)
-            .chain(body.topology.enriched_nodes().iter().copied());
-        let mut checked = 0;
-        for (i, node) in nodes.enumerate() {
-            let p = &body.mesh.nodes()[node as usize];
-            if on_end(p) || near(p) {
-                continue;
+        for (body, radius) in [(body(&sheets), 0.0), (uneven_body(&sheets), 1.15)] {
+            let system = system(&body, &ground(1e-11));
+            let x = system.interpolate(&body.mesh, &body.topology, |_, p| field(p));
+            let residual = system.multiply(&x);
+            let near = |p: &Vec3| {
+                meeting.is_some_and(|[x, z]: [f64; 2]| (p.x - x).hypot(p.z - z) < radius)
+            };
+            // Unknowns are the nodes, then the enrichments, as nothing is held.
+            let nodes = (0..body.mesh.nodes().len() as u32)
+                .chain(body.topology.enriched_nodes().iter().copied());
+            let mut checked = 0;
+            for (i, node) in nodes.enumerate() {
+                let p = &body.mesh.nodes()[node as usize];
+                if on_end(p) {
+                    continue;
+                }
+                let limit = if near(p) { 0.05 } else { 1e-9 };
+                checked += 1;
+                for k in 0..3 {
+                    let force = residual[3 * i + k];
+                    assert!(
+                        force.abs() < limit,
+                        "{name}: unknown {i} at {p} is out of balance by {force:e} N"
+                    );
+                }
             }
-            checked += 1;
-            for k in 0..3 {
-                let force = residual[3 * i + k];
-                assert!(
-                    force.abs() < 1e-9,
-                    "{name}: unknown {i} at {p} is out of balance by {force:e} N"
-                );
-            }
+            assert!(checked > 60, "{name}: only {checked} nodes checked");
         }
-        assert!(checked > 60, "{name}: only {checked} nodes checked");
     }
 }
 

@@ -7,8 +7,8 @@
 //! twice as steep as the notch. The compliance never falls.
 //!
 //! Measured: torque for G_max = G_c 795 N m at the notch, falling at every step while the front crosses the section (140 N m with
-//! 10 mm left, less than one element, where it stands still): the peak is where the crack starts, as in the experiments. The
-//! experiments' load is that of the rig; it has no torque to compare with here.
+//! 10 mm left, less than one element, where it stands still within 2 %): the peak is where the crack starts. No published peak
+//! stands beside it: geometry and material could be checked (MoFEM's account of the test), the load of the rig or its lever arm not.
 #![allow(clippy::print_stderr)] // figures for docs/validation.md, seen with --nocapture
 mod support;
 use osteotome_mechanics::crack::growth::GrowthLengths;
@@ -78,7 +78,7 @@ fn the_crack_curves_and_stays_antisymmetric() {
     }
     measured(&format!("torsion: torque {torques:.0?} N m"));
     assert!(
-        torques[..7].windows(2).all(|w| w[1] < w[0]) && torques[7] < 1.05 * torques[6],
+        torques[..7].windows(2).all(|w| w[1] < w[0]) && torques[7] < 1.02 * torques[6],
         "torques {torques:?} N m"
     );
     front.sort_by(|a: &Vec3, b: &Vec3| a.y.total_cmp(&b.y));

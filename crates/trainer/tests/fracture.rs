@@ -204,6 +204,34 @@ fn patch_tests_are_exact() {
     }
 }
 
+/// The column stretches by the modulus along the load, whichever axis lies there, given as a frame or by a curve.
+#[test]
+fn an_orthotropic_column_stretches_by_the_modulus_along_it() {
+    for (axes, modulus) in [
+        ("first = [0, 0, 2], second = [1, 0, 0]", 500.0),
+        ("first = [1, 0, 0], second = [0.3, 0, 1]", 300.0),
+        ("first = [1, 0, 0], second = [0, 1, 0]", 200.0),
+        (
+            "along = [[9, 0, 0], [9, 0, 3], [9, 0, 7]], second = [1, 0, 0]",
+            500.0,
+        ),
+    ] {
+        let nine = "{ e1 = 500, e2 = 300, e3 = 200, nu12 = 0, nu23 = 0, nu13 = 0, g12 = 90, g23 = 70, g13 = 80 }";
+        let case = COLUMN.replace(
+            "young_modulus = 500.0\npoisson_ratio = 0.0\n",
+            &format!("orthotropic = {nine}\naxes = {{ {axes} }}\n"),
+        );
+        let (_keep, folder) = folder(&case, &long_crack());
+        let result = solve(&folder, "case.toml");
+        let energy = 0.5 * 2.0 * 2.0 / modulus * 48.0;
+        let found = number(&result["strain_energy"]);
+        assert!((found / energy - 1.0).abs() < 1e-9, "{axes}: {found}");
+        let vtu = std::fs::read_to_string(folder.join("out/fields_000.vtu")).expect("readable");
+        let stresses = array(&vtu, "von_mises_stress");
+        assert!(stresses.iter().all(|s| (s - 2.0).abs() < 1e-8), "{axes}");
+    }
+}
+
 /// Sum of the volumes of a file's tetrahedra; each must be positive.
 fn volume(vtu: &str) -> f64 {
     let points = array(vtu, "Points");
@@ -428,6 +456,16 @@ fn bad_cases_are_named() {
             "poisson_ratio = 0.0",
             "poisson_ratio = 0.5",
             ["poisson_ratio", "0.5"],
+        ),
+        (
+            "young_modulus = 500.0\npoisson_ratio = 0.0",
+            "orthotropic = { e1 = 5, e2 = 5, e3 = 5, nu12 = 0, nu23 = 0, nu13 = 0, g12 = 2, g23 = 2, g13 = 2 }\naxes = { along = [[0, 0, 0], [1, 0, 0]], second = [2, 0, 0] }",
+            ["material.0.axes", "parallel"],
+        ),
+        (
+            "young_modulus = 500.0\npoisson_ratio = 0.0",
+            "orthotropic = { e1 = 5, e2 = 5, e3 = 5, nu12 = 1, nu23 = 0, nu13 = 0, g12 = 2, g23 = 2, g13 = 2 }\naxes = { first = [1, 0, 0], second = [0, 1, 0] }",
+            ["material.0.orthotropic: nu12 is 1", "positive definite"],
         ),
         (
             "region = \"*\"",

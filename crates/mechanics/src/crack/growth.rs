@@ -20,6 +20,9 @@ pub struct GrowthLengths {
     pub max_kink: f64,
     /// What the direction maximises.
     pub criterion: Criterion,
+    /// Share of the twist asked for by K_III that a front takes in one step; 0: none, as a front that nears the body's other
+    /// face is not stable with it (`tests/skew_notch_growth.rs`).
+    pub twist: f64,
 }
 
 impl GrowthLengths {
@@ -31,6 +34,7 @@ impl GrowthLengths {
             spacing: 0.5 * h,
             max_kink: 1.2,
             criterion: Criterion::EnergyRelease,
+            twist: 0.0,
         }
     }
 

@@ -6,7 +6,7 @@ use super::stress_intensity::Station;
 use crate::geometry::Vec3;
 
 /// Angle by which K_III would turn the front out of its plane \[rad\]: half the angle of the principal stress in the plane
-/// normal to the kink, `tan 2 psi = 2 tau / sigma` (Schoellmann et al. 2002). Reported, not fed back into growth.
+/// normal to the kink, `tan 2 psi = 2 tau / sigma` (Schoellmann et al. 2002). Fed back by [`GrowthLengths::twist`].
 pub fn twist(k: &StressIntensity, kink: f64) -> f64 {
     let tearing = k.k3 * (0.5 * kink).cos();
     let opening = k.hoop_intensity(kink).max(0.0);
@@ -73,16 +73,116 @@ impl FrontDrives {
             .iter()
             .zip(&self.smooth)
             .map(|(f, drives)| {
-                let pairs = f.stations.iter().zip(drives);
-                pairs.map(|(s, d)| step(s, d)).collect()
+                let heights = twisted(f, drives, lengths);
+                let all = f.stations.iter().zip(drives).zip(heights);
+                let moved = |((s, d), height): ((&Station, &Drive), f64)| {
+                    let plain = step(s, d);
+                    plain + s.normal * (height * plain.norm())
+                };
+                all.map(moved).collect()
             })
             .collect()
     }
 }
 
+/// How far K_III tilts each point of a front out of its plane, over its advance.
+///
+/// The tilt asked for, tan psi along the front, is summed up along it; what does not close round a closed front and the mean are
+/// taken out, so that the front turns but does not drift. The line runs against t = q x n, so that a positive twist raises it.
+fn twisted(front: &EvaluatedFront, drives: &[Drive], lengths: &GrowthLengths) -> Vec<f64> {
+    /// No point leaves the plane of its kink by more than this share of its advance in one step.
+    const STEEPEST: f64 = 0.5;
+    let (stations, n) = (&front.stations, front.stations.len());
+    if lengths.twist == 0.0 || n < 2 {
+        return vec![0.0; n];
+    }
+    let slope = |k: usize| match &stations[k] {
+        s if s.is_trusted() => twist(&s.k, drives[k].kink).tan(),
+        _ => 0.0,
+    };
+    let (mut heights, mut arc) = (vec![0.0], vec![0.0]);
+    for k in 0..n {
+        let next = (k + 1) % n;
+        let ds = (stations[next].position - stations[k].position).norm();
+        heights.push(heights[k] + 0.5 * (slope(k) + slope(next)) * ds);
+        arc.push(arc[k] + ds);
+    }
+    let gap = if front.front.closed {
+        heights[n] / arc[n].max(1e-12)
+    } else {
+        0.0
+    };
+    heights.truncate(n);
+    heights
+        .iter_mut()
+        .zip(&arc)
+        .for_each(|(h, s)| *h -= gap * s);
+    let own: Vec<usize> = (0..n).filter(|&k| stations[k].is_trusted()).collect();
+    let mean = own.iter().map(|&k| heights[k]).sum::<f64>() / own.len().max(1) as f64;
+    let gain = lengths.twist / lengths.increment;
+    let tilt = |h: f64| (gain * (h - mean)).clamp(-STEEPEST, STEEPEST);
+    heights.into_iter().map(tilt).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bone::TetMaterial;
+    use crate::crack::Front;
+
+    /// A circle torn in opposite senses on its two halves tilts about the line between them: up on one side, down on the other, on
+    /// no average and without a step where it closes. A circle torn all round cannot tilt.
+    #[test]
+    fn a_closed_front_tilts_as_a_whole() {
+        let n = 36;
+        let station = |k: usize, k3: f64| {
+            let (sin, cos) = (std::f64::consts::TAU * k as f64 / n as f64).sin_cos();
+            let advance = Vec3::new(cos, sin, 0.0);
+            Station {
+                position: 5.0 * advance,
+                advance,
+                normal: Vec3::z(),
+                k: StressIntensity {
+                    k1: 1.0,
+                    k2: 0.0,
+                    k3,
+                },
+                g: 1.0,
+                material: TetMaterial::isotropic(1.0, 0.3, 1.0),
+                inside: 1.0,
+                clear: 1.0,
+                offset: 0.0,
+            }
+        };
+        let heights = |k3: &dyn Fn(f64) -> f64| {
+            let of = |k: usize| station(k, k3(std::f64::consts::TAU * k as f64 / n as f64));
+            let front = EvaluatedFront {
+                front: Front {
+                    sheet: 0,
+                    vertices: (0..n as u32).collect(),
+                    closed: true,
+                },
+                stations: (0..n).map(of).collect(),
+            };
+            let lengths = GrowthLengths {
+                twist: 0.05,
+                ..GrowthLengths::for_element_size(1.0)
+            };
+            let drives = vec![
+                Drive {
+                    ratio: 1.0,
+                    kink: 0.0
+                };
+                n
+            ];
+            twisted(&front, &drives, &lengths)
+        };
+        let tilted = heights(&|w| 0.5 * w.sin());
+        assert!(tilted.iter().sum::<f64>().abs() < 1e-9);
+        assert!((tilted[0] + tilted[n / 2]).abs() < 1e-9 && tilted[0].abs() > 0.05);
+        assert!((tilted[0] - tilted[n - 1]).abs() < 0.1 * tilted[0].abs());
+        assert!(heights(&|_| 0.5).iter().all(|h| h.abs() < 1e-9));
+    }
 
     /// Twists of the reference table.
     #[test]

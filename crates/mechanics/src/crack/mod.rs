@@ -1,4 +1,5 @@
 //! The crack: its explicit surface, what it cuts, how hard it is driven, and how it grows.
+mod anisotropic;
 mod area;
 mod body;
 pub mod criterion;

@@ -18,7 +18,10 @@
 //!   ragged faces threw kinks about by 10 degrees, while without it K and J agree within 2 % behind a kink of 40 degrees.
 //! - Material: the interaction integral takes the mean over the station's domain for the auxiliary field and each element's
 //!   own for the real one. In an inhomogeneous body K_I : K_II : K_III are therefore those of a homogeneous body of the mean
-//!   material near the front; terms of the gradient of E are left out.
+//!   material near the front; terms of the gradient of E are left out. In an orthotropic body the auxiliary field is that of the
+//!   isotropic mean, and the integrals are turned into K by the body's own near field (the law of the largest part of the domain;
+//!   `anisotropic.rs`). The kink stays Amestoy and Leblond's.
+use super::anisotropic::NearField;
 use super::criterion::StressIntensity;
 use super::cut_edges::CutEdges;
 use super::cut_polygon::cut_polygon;
@@ -27,7 +30,7 @@ use super::front::{FrontLine, LocalFrame, NearNode, Place};
 use super::surface::{CrackSurface, Front, Sheet};
 use super::surface_load::face_pieces;
 use super::system::System;
-use crate::bone::{Lame, TetMaterial, stiffness};
+use crate::bone::{Lame, Orthotropic, TetMaterial, stiffness};
 use crate::geometry::{NO_TET, TET_FACES, TetLocator, TetMesh, Vec3};
 use nalgebra::Matrix3;
 
@@ -191,7 +194,7 @@ struct CellState {
 
 /// Which face of the crack a point behind the front belongs to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Side {
+pub(super) enum Side {
     Above,
     Below,
     /// As its position says.
@@ -298,7 +301,7 @@ impl<'a> Domain<'a> {
                 places,
                 volume: fields.mesh.volumes()[t as usize] * cell.fraction,
                 grad_u,
-                stress: stiffness::stress(&fields.materials[t as usize].lame(), &grad_u),
+                stress: fields.materials[t as usize].elasticity().stress(&grad_u),
                 at,
             });
         }
@@ -389,8 +392,17 @@ impl<'a> Domain<'a> {
                 k2: 0.5 * e * mode(1),
                 k3: mu * mode(2),
             };
+            let near = s
+                .material
+                .orthotropic
+                .and_then(|law| NearField::new(&law, &s.frame()));
+            if let Some(near) = &near {
+                let own = near.intensities(&s.material.lame(), [0, 1, 2].map(mode));
+                s.k = own.unwrap_or(s.k);
+            }
             if is_loaded[k] {
-                s.g = s.k.straight_release(s.material.poisson_ratio) / e;
+                let isotropic = s.k.straight_release(s.material.poisson_ratio) / e;
+                s.g = near.map_or(isotropic, |near| near.release(&s.k));
             }
         }
         stations
@@ -399,7 +411,11 @@ impl<'a> Domain<'a> {
     /// The extension of each nearby node that carries a load, zero for the others \[1\].
     fn loaded_nodes(&self) -> Vec<f64> {
         let mut loaded = vec![0.0; self.near.len()];
-        self.for_loads(|p, _, _, _| loaded[p] = self.extension[p].norm());
+        self.for_loads(|p, _, _, load| {
+            if load.force != Vec3::zeros() {
+                loaded[p] = self.extension[p].norm();
+            }
+        });
         loaded
     }
 
@@ -710,6 +726,8 @@ struct MaterialSum {
     weight: f64,
     values: [f64; 4],
     osteon: Vec3,
+    /// The orthotropic law of the largest part, and its weight.
+    law: Option<(f64, Orthotropic)>,
 }
 
 impl MaterialSum {
@@ -725,6 +743,11 @@ impl MaterialSum {
             .iter_mut()
             .zip(values)
             .for_each(|(s, v)| *s += weight * v);
+        if let Some(law) = m.orthotropic
+            && self.law.is_none_or(|(w, _)| weight > w)
+        {
+            self.law = Some((weight, law));
+        }
         let sense = if m.osteon.dot(&self.osteon) < 0.0 {
             -weight
         } else {
@@ -746,6 +769,7 @@ impl MaterialSum {
         TetMaterial {
             young_modulus,
             poisson_ratio,
+            orthotropic: self.law.map(|l| l.1),
             toughness_along,
             toughness_across,
             osteon: self.osteon.try_normalize(1e-12).unwrap_or(fallback.osteon),
@@ -804,14 +828,14 @@ fn auxiliary(place: &Place, frame: &LocalFrame, side: Side, lame: &Lame) -> [Aux
 }
 
 /// Displacement and its gradient in the frame of a straight front.
-struct Williams {
+pub(super) struct Williams {
     u: Vec3,
-    gradient: Matrix3<f64>,
+    pub(super) gradient: Matrix3<f64>,
 }
 
 /// Williams' fields of unit K_I, K_II, K_III at (x, y), plane strain. Behind the front the side decides on which sheet of the
 /// square root a point lies; past the plane of the front the fields are continued.
-fn williams(x: f64, y: f64, side: Side, lame: &Lame) -> [Williams; 3] {
+pub(super) fn williams(x: f64, y: f64, side: Side, lame: &Lame) -> [Williams; 3] {
     use std::f64::consts::PI;
     let r = x.hypot(y).max(1e-9);
     let plain = y.atan2(x);

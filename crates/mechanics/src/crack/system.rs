@@ -1,7 +1,7 @@
 use super::enrichment::{Cell, STANDARD, Topology, lineage};
 use crate::bone::{
-    BlockMatrix, BorderRow, Bordered, Factor, FactorError, HalfSolved, Region, SolveScratch,
-    Supports, Swept, TetMaterial, add_product, decouple, stiffness,
+    BlockMatrix, BorderRow, Bordered, Elasticity, Factor, FactorError, HalfSolved, Region,
+    SolveScratch, Supports, Swept, TetMaterial, add_product, decouple,
 };
 use crate::geometry::{TetMesh, Vec3};
 use nalgebra::Matrix3;
@@ -583,7 +583,7 @@ impl Numbering {
 
 /// One cell's stiffness.
 struct Element<'a> {
-    lame: crate::bone::Lame,
+    law: Elasticity,
     gradients: &'a [Vec3; 4],
     weight: f64,
     ground: [f64; 4],
@@ -594,7 +594,7 @@ impl<'a> Element<'a> {
         let t = cell.tet as usize;
         let weight = mesh.volumes()[t] * cell.fraction;
         Self {
-            lame: materials[t].lame(),
+            law: materials[t].elasticity(),
             gradients: &mesh.gradients()[t],
             weight,
             // Soft tissue holds the material, so each cell takes its share, also of what only its enrichments move.
@@ -605,7 +605,7 @@ impl<'a> Element<'a> {
     /// Block of local nodes `a` and `b` \[N/mm\].
     fn block(&self, a: usize, b: usize) -> Matrix3<f64> {
         let g = self.gradients;
-        let k = stiffness::block(&self.lame, &g[a], &g[b]) * self.weight;
+        let k = self.law.block(&g[a], &g[b]) * self.weight;
         if a == b {
             k + Matrix3::from_diagonal_element(self.ground[a])
         } else {

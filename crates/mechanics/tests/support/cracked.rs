@@ -454,10 +454,8 @@ impl<'a> Cracked<'a> {
         let stress = |cell: &osteotome_mechanics::crack::Cell| {
             let u = self.system.cell_displacements(mesh, cell, x);
             let t = cell.tet as usize;
-            stiffness::stress(
-                &self.specimen.materials[t].lame(),
-                &stiffness::displacement_gradient(&mesh.gradients()[t], &u),
-            )
+            let grad_u = stiffness::displacement_gradient(&mesh.gradients()[t], &u);
+            self.specimen.materials[t].elasticity().stress(&grad_u)
         };
         self.topology.cells().iter().map(stress).collect()
     }

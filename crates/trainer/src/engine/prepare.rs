@@ -88,6 +88,7 @@ fn patient_spec(s: &Scenario) -> PatientSpec {
         },
         material: MaterialSpec {
             cortical: tissue(&s.material.cortical),
+            cortical_orthotropic: s.material.cortical_orthotropic,
             trabecular: tissue(&s.material.trabecular),
             cortical_thickness: s.material.cortical_thickness,
             ..MaterialSpec::default()

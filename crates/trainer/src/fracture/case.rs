@@ -1,7 +1,9 @@
 //! The case: one TOML file that says everything about a fracture problem.
 use crate::scenario::{Units, explain, parse_toml, plain};
 use anyhow::{Result, anyhow, bail, ensure};
+use osteotome_mechanics::bone::{EngineeringConstants, Orthotropic, TetMaterial};
 use osteotome_mechanics::crack::criterion::Criterion;
+use osteotome_mechanics::geometry::Vec3;
 use serde::Deserialize;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -51,12 +53,30 @@ pub struct CrackSection {
 pub struct Material {
     /// A physical volume's name or number; `*` for all.
     pub region: String,
-    /// \[MPa\]
-    pub young_modulus: f64,
+    /// \[MPa\]; with `poisson_ratio`, or else `orthotropic` is given.
+    pub young_modulus: Option<f64>,
     /// Above -1, below 0.5.
-    pub poisson_ratio: f64,
+    pub poisson_ratio: Option<f64>,
+    /// Nine constants in the frame of `axes`.
+    pub orthotropic: Option<EngineeringConstants>,
+    /// Where axes 1, 2, 3 point.
+    pub axes: Option<Axes>,
     /// Critical energy release rate \[N/mm\]; without it the region does not break.
     pub toughness: Option<f64>,
+    /// Critical energy release rate of a crack that stands square to axis 1; without it as `toughness`.
+    pub toughness_across: Option<f64>,
+}
+
+/// A field of directions: exactly one of `first` and `along` is given.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Axes {
+    /// Axis 1, the same everywhere.
+    pub first: Option<[f64; 3]>,
+    /// A curve \[mm\]: axis 1 is its direction, blended between its segments by distance.
+    pub along: Option<Vec<[f64; 3]>>,
+    /// What is square to axis 1 in this vector is axis 2; axis 3 = 1 x 2.
+    pub second: [f64; 3],
 }
 
 /// A part of the body: exactly one of the two is given.
@@ -136,6 +156,9 @@ pub struct Growth {
     /// Direction and strength.
     #[serde(default)]
     pub criterion: CriterionName,
+    /// Share of the twist asked for by K_III that a front takes in one step, 0 to 1.
+    #[serde(default)]
+    pub twist: f64,
     /// Largest advance in one step \[mm\]; without it 0.8 element sizes.
     pub increment: Option<f64>,
     /// Whether the load follows the crack.
@@ -231,6 +254,11 @@ impl Case {
                 "growth.steps: {} is out of range; it must be at most {MAX_STEPS}",
                 g.steps
             );
+            ensure!(
+                (0.0..=1.0).contains(&g.twist),
+                "growth.twist: {} is out of range; it must lie between 0 and 1",
+                g.twist
+            );
             if let Some(increment) = g.increment {
                 positive("growth.increment", increment)?;
             }
@@ -245,19 +273,133 @@ impl Case {
 
 impl Material {
     fn check(&self, key: &str, grows: bool) -> Result<()> {
-        positive(&format!("{key}.young_modulus"), self.young_modulus)?;
-        ensure!(
-            self.poisson_ratio > -1.0 && self.poisson_ratio < 0.5,
-            "{key}.poisson_ratio: {} is out of range; it must lie between -1 and 0.5, both excluded",
-            self.poisson_ratio
-        );
+        self.check_elasticity(key)?;
+        if let Some(axes) = &self.axes {
+            axes.check(&format!("{key}.axes"))?;
+        }
         match self.toughness {
-            Some(g) => positive(&format!("{key}.toughness"), g),
+            Some(g) => positive(&format!("{key}.toughness"), g)?,
             None if grows => bail!(
                 "{key}.toughness: this key is missing; growth needs the critical energy release rate [N/mm] (or growth.steps = 0)"
             ),
-            None => Ok(()),
+            None => (),
         }
+        let Some(across) = self.toughness_across else {
+            return Ok(());
+        };
+        positive(&format!("{key}.toughness_across"), across)?;
+        ensure!(
+            self.axes.is_some() && self.toughness.is_some(),
+            "{key}.toughness_across: it is given without axes and toughness; give both, or leave it out"
+        );
+        Ok(())
+    }
+
+    fn check_elasticity(&self, key: &str) -> Result<()> {
+        if let Some(constants) = &self.orthotropic {
+            ensure!(
+                self.young_modulus.is_none() && self.poisson_ratio.is_none(),
+                "{key}.orthotropic: it is given beside young_modulus or poisson_ratio; give the nine constants or those two"
+            );
+            ensure!(
+                self.axes.is_some(),
+                "{key}.axes: this key is missing; orthotropic needs the directions of axes 1 and 2"
+            );
+            return constants
+                .check()
+                .map_err(|e| anyhow!("{key}.orthotropic: {e}"));
+        }
+        let [young, poisson] = [
+            ("young_modulus", self.young_modulus),
+            ("poisson_ratio", self.poisson_ratio),
+        ]
+        .map(|(name, value)| value.ok_or_else(|| anyhow!("{key}.{name}: this key is missing")));
+        let (young, poisson) = (young?, poisson?);
+        positive(&format!("{key}.young_modulus"), young)?;
+        ensure!(
+            poisson > -1.0 && poisson < 0.5,
+            "{key}.poisson_ratio: {poisson} is out of range; it must lie between -1 and 0.5, both excluded"
+        );
+        Ok(())
+    }
+
+    /// The material of a tetrahedron about `centre`; must have been checked.
+    ///
+    /// # Errors
+    /// If the curve of the axes runs along `second` there.
+    pub fn at(&self, centre: &Vec3) -> Result<TetMaterial> {
+        // A region without toughness never breaks; what is written here is not looked at.
+        let toughness = self.toughness.unwrap_or(1.0);
+        let axes = self.axes.as_ref();
+        let frame = axes.map(|a| (a.first_at(centre), Vec3::from(a.second)));
+        let material = match (self.orthotropic, &frame) {
+            (Some(constants), Some((first, second))) => {
+                let law = Orthotropic::new(&constants, first, second)?;
+                TetMaterial::orthotropic(law, toughness)
+            }
+            _ => TetMaterial::isotropic(
+                self.young_modulus.unwrap_or(1.0),
+                self.poisson_ratio.unwrap_or(0.0),
+                toughness,
+            ),
+        };
+        Ok(TetMaterial {
+            toughness_across: self.toughness_across.unwrap_or(toughness),
+            osteon: frame.map_or(material.osteon, |f| f.0.normalize()),
+            ..material
+        })
+    }
+}
+
+impl Axes {
+    fn check(&self, key: &str) -> Result<()> {
+        /// Points of a curve at most: each tetrahedron looks at all of them.
+        const MOST: usize = 1000;
+        finite(&format!("{key}.second"), self.second)?;
+        match (&self.first, &self.along) {
+            (Some(first), None) => {
+                finite(&format!("{key}.first"), *first)?;
+                let (one, two) = (Vec3::from(*first), Vec3::from(self.second));
+                let square = one.cross(&two).norm();
+                let sizes = one.norm() * two.norm();
+                ensure!(
+                    square > 1e-6 * sizes,
+                    "{key}: first and second are parallel or zero; give two directions that are not"
+                );
+            }
+            (None, Some(points)) => {
+                finite(&format!("{key}.along"), points.iter().flatten().copied())?;
+                ensure!(
+                    points.len() >= 2 && points.len() <= MOST,
+                    "{key}.along: it has {} points; give 2 to {MOST}",
+                    points.len()
+                );
+                ensure!(
+                    points.windows(2).all(|p| p[0] != p[1]),
+                    "{key}.along: two points in a row are the same; leave one out"
+                );
+            }
+            _ => bail!("{key}: exactly one of first, along must be given"),
+        }
+        Ok(())
+    }
+
+    /// Axis 1 at a point, of any length.
+    fn first_at(&self, p: &Vec3) -> Vec3 {
+        let along = self.along.iter().flat_map(|points| points.windows(2));
+        let segments = along.map(|p| (Vec3::from(p[0]), Vec3::from(p[1])));
+        let distance2 = |a: &Vec3, b: &Vec3| {
+            let s = ((p - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
+            (a + (b - a) * s - p).norm_squared()
+        };
+        // By the inverse fourth power of distance, softened by a part of the segment: the direction turns gradually at a corner.
+        let blended: Vec3 = segments
+            .map(|(a, b)| {
+                let soft = distance2(&a, &b) + 0.01 * (b - a).norm_squared();
+                (b - a).normalize() / (soft * soft)
+            })
+            .sum();
+        self.first.map_or(blended, Vec3::from)
     }
 }
 
@@ -408,6 +550,16 @@ load = "scaled"
                 "poisson_ratio = 0.5",
                 ["material.0.poisson_ratio", "0.5 is out"],
             ),
+            (
+                "poisson_ratio = 0.3\n",
+                "",
+                ["material.0.poisson_ratio", "missing"],
+            ),
+            (
+                "toughness = 0.5\n",
+                "toughness = 0.5\ntoughness_across = 2.0\n",
+                ["material.0.toughness_across", "without axes"],
+            ),
             ("toughness = 0.5\n", "", ["material.0.toughness", "growth"]),
             (
                 "toughness = 0.5",
@@ -461,6 +613,11 @@ load = "scaled"
                 "increment = 0",
                 ["growth.increment", "above 0"],
             ),
+            (
+                "steps = 10",
+                "steps = 10\ntwist = nan",
+                ["growth.twist: NaN", "between 0 and 1"],
+            ),
             ("\"scaled\"", "\"rising\"", ["growth.load", "scaled"]),
             ("\"mserrc\"", "\"hoop\"", ["growth.criterion", "mserrc"]),
             (
@@ -483,5 +640,81 @@ load = "scaled"
                 assert!(error.contains(part), "'{part}' is not in: {error}");
             }
         }
+    }
+
+    const NINE: &str = "orthotropic = { e1 = 20e3, e2 = 13e3, e3 = 11e3, nu12 = 0.3, nu23 = 0.4, nu13 = 0.3, g12 = 6e3, g23 = 4e3, g13 = 5e3 }\naxes = { first = [1, 0, 0], second = [0, 0, 1] }\n";
+
+    fn orthotropic() -> String {
+        CASE.replacen("young_modulus = 200000\npoisson_ratio = 0.3\n", NINE, 1)
+    }
+
+    #[test]
+    fn orthotropic_materials_are_read_or_named() {
+        let case = read(&orthotropic()).unwrap();
+        let m = case.material[0].at(&Vec3::zeros()).unwrap();
+        assert_eq!(m.osteon, Vec3::x());
+        assert!(m.orthotropic.is_some() && m.young_modulus > 11e3 && m.young_modulus < 20e3);
+        for (from, to, parts) in [
+            (
+                "e2 = 13e3",
+                "e2 = -13e3",
+                ["orthotropic: e2 is -13000", "positive"],
+            ),
+            ("nu12 = 0.3", "nu12 = 1.3", ["nu12 is 1.3", "sqrt(e1 / e2)"]),
+            (
+                "nu23 = 0.4",
+                "nu23 = 1.04",
+                ["nu12, nu23 and nu13 together", "above 0"],
+            ),
+            ("g13 = 5e3", "g13 = nan", ["g13 is NaN", "positive"]),
+            (", g13 = 5e3", "", ["material.0.orthotropic.g13", "missing"]),
+            (
+                "second = [0, 0, 1]",
+                "second = [2, 0, 0]",
+                ["axes", "parallel"],
+            ),
+            ("first = [1, 0, 0]", "first = [0, 0, 0]", ["axes", "zero"]),
+            (
+                "first = [1, 0, 0], ",
+                "",
+                ["axes", "exactly one of first, along"],
+            ),
+            (
+                "first = [1, 0, 0]",
+                "along = [[1, 0, 0]]",
+                ["along", "1 points"],
+            ),
+            (
+                "first = [1, 0, 0]",
+                "along = [[1, 0, 0], [1, 0, 0]]",
+                ["along", "the same"],
+            ),
+            (
+                "axes = {",
+                "young_modulus = 3.0\naxes = {",
+                ["orthotropic", "beside young_modulus"],
+            ),
+        ] {
+            let text = orthotropic();
+            assert!(text.contains(from), "{from}");
+            let error = format!("{:#}", read(&text.replacen(from, to, 1)).unwrap_err());
+            for part in parts {
+                assert!(error.contains(part), "'{part}' is not in: {error}");
+            }
+        }
+    }
+
+    /// Beside the middle of each leg of an L axis 1 runs along it; at the corner it lies between the two.
+    #[test]
+    fn axes_follow_a_curve() {
+        let axes = Axes {
+            first: None,
+            along: Some(vec![[0.0; 3], [10.0, 0.0, 0.0], [10.0, 10.0, 0.0]]),
+            second: [0.0, 0.0, 1.0],
+        };
+        let at = |x: f64, y: f64| axes.first_at(&Vec3::new(x, y, 0.5)).normalize();
+        assert!(at(2.0, 0.0).x > 0.99 && at(10.0, 8.0).y > 0.99);
+        let corner = at(10.0, 0.0);
+        assert!((corner.x - corner.y).abs() < 1e-9, "{corner}");
     }
 }

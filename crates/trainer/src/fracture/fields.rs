@@ -66,7 +66,7 @@ impl Grid<'_> {
             .cell_displacements(&solid.mesh, cell, &self.state.x)
             .map(|u| u * self.state.load_factor);
         let grad_u = stiffness::displacement_gradient(&solid.mesh.gradients()[t], &u);
-        let stress = stiffness::stress(&solid.materials[t].lame(), &grad_u);
+        let stress = solid.materials[t].elasticity().stress(&grad_u);
         let node = solid.mesh.tets()[t][first(cell.mask)];
         for piece in pieces(self.body, cell) {
             let corners = piece.map(|n| self.point(cell, &n, &u));

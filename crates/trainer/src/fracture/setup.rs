@@ -44,6 +44,7 @@ impl Problem {
         let lengths = GrowthLengths {
             max_kink: MAX_KINK,
             increment: growth.and_then(|g| g.increment).unwrap_or(usual.increment),
+            twist: growth.map_or(0.0, |g| g.twist),
             criterion: growth.map_or(usual.criterion, |g| g.criterion.criterion()),
             ..usual
         };
@@ -108,17 +109,16 @@ fn known<'a>(groups: impl Iterator<Item = &'a PhysicalGroup>) -> String {
 fn materials(case: &Case, file: &MeshFile) -> Result<Vec<TetMaterial>> {
     let mut of_tet = vec![None; file.mesh.tets().len()];
     for (i, m) in case.material.iter().enumerate() {
-        // A region without toughness never breaks; what is written here is not looked at.
-        let toughness = m.toughness.unwrap_or(1.0);
-        let material = TetMaterial::isotropic(m.young_modulus, m.poisson_ratio, toughness);
         let is_here = |volume: Option<u32>| {
             m.region == "*"
                 || volume.is_some_and(|v| is_named(&file.volumes[v as usize], &m.region))
         };
         let mut found = false;
-        for (slot, &volume) in of_tet.iter_mut().zip(&file.tet_volume) {
+        for (t, &volume) in file.tet_volume.iter().enumerate() {
             if is_here(volume) {
-                *slot = Some(material);
+                let centre = file.mesh.corners(t).iter().sum::<Vec3>() / 4.0;
+                let material = m.at(&centre);
+                of_tet[t] = Some(material.with_context(|| format!("material.{i}.axes"))?);
                 found = true;
             }
         }

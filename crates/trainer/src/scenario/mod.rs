@@ -8,6 +8,7 @@ mod read;
 pub use overrides::Override;
 pub use read::{Source, explain, load, parse_toml, plain};
 
+use osteotome_mechanics::bone::EngineeringConstants;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -138,6 +139,9 @@ impl Default for Mesh {
 pub struct Materials {
     /// The dense outer layer.
     pub cortical: Material,
+    /// Nine constants of the dense layer in place of its modulus and ratio: axis 1 along the jaw, axis 2 up, axis 3 across.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cortical_orthotropic: Option<EngineeringConstants>,
     /// The spongy inside.
     pub trabecular: Material,
     /// Thickness of the cortical layer \[mm\].
@@ -152,6 +156,7 @@ impl Default for Materials {
                 poisson_ratio: 0.3,
                 toughness: [0.5, 2.0],
             },
+            cortical_orthotropic: None,
             trabecular: Material {
                 young_modulus: 1500.0,
                 poisson_ratio: 0.3,

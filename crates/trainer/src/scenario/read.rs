@@ -147,6 +147,10 @@ fn validate(s: &Scenario, place: &impl Fn(&str) -> String) -> Result<()> {
     at.osteotomy(s)?;
     at.material("material.cortical", &s.material.cortical)?;
     at.material("material.trabecular", &s.material.trabecular)?;
+    if let Some(nine) = &s.material.cortical_orthotropic {
+        let key = "material.cortical_orthotropic";
+        nine.check().map_err(|e| anyhow!("{}: {e}", place(key)))?;
+    }
     at.positive("material.cortical_thickness", s.material.cortical_thickness)?;
     at.count("mesh.nodes", s.mesh.nodes, 100, 200_000)?;
     at.range("mesh.grading", s.mesh.grading, 1.0, 6.0)?;
@@ -437,6 +441,16 @@ mod tests {
         check_error(
             &["material.cortical.toughness.1=nan"],
             &["toughness.1", "NaN"],
+        );
+        check_error(
+            &[
+                "material.cortical_orthotropic={e1=2e4,e2=1e4,e3=1e4,nu12=1.5,nu23=0.3,nu13=0.3,g12=5e3,g23=4e3,g13=5e3}",
+            ],
+            &[
+                "material.cortical_orthotropic",
+                "nu12 is 1.5",
+                "positive definite",
+            ],
         );
         check_error(&["units=\"cm\""], &["units", "\"cm\"", "mm-N-MPa"]);
         check_error(
