@@ -5,9 +5,13 @@
 //! Units: mm, N, N mm, s, rad; what a driver speaks is converted inside its backend and nowhere else.
 #![forbid(unsafe_code)]
 
+mod models;
 mod recorded_hand;
 mod simulated_hand;
 
+pub use models::{
+    DeviceModel, INVERSE_3, LAMBDA_7, MODELS, OMEGA_3, OMEGA_6, OMNI, PREMIUM_6DOF, SIGMA_7, TOUCH,
+};
 pub use recorded_hand::{EmptyRecording, RecordedHand};
 pub use simulated_hand::{BadHand, HandParameters, SimulatedHand};
 
