@@ -10,8 +10,12 @@
 //! The device's frame, for every backend: x to the user's right, y away from the user, z up; the handle in its neutral
 //! pose has no rotation.
 
+pub mod force_dimension;
+mod library;
 mod link;
 mod models;
+mod open_error;
+pub mod openhaptics;
 mod operated;
 mod recorded_hand;
 mod simulated_hand;
@@ -21,6 +25,7 @@ pub use link::{Latency, LinkedDevice};
 pub use models::{
     DeviceModel, INVERSE_3, LAMBDA_7, MODELS, OMEGA_3, OMEGA_6, OMNI, PREMIUM_6DOF, SIGMA_7, TOUCH,
 };
+pub use open_error::OpenError;
 pub use operated::{OperatedDevice, SafetyEvent};
 pub use recorded_hand::{EmptyRecording, RecordedHand};
 pub use simulated_hand::{BadHand, HandParameters, SimulatedHand};
