@@ -18,6 +18,7 @@ mod open_error;
 pub mod openhaptics;
 mod operated;
 mod recorded_hand;
+pub mod remote;
 mod simulated_hand;
 mod workspace;
 

@@ -8,11 +8,15 @@ use std::time::{Duration, Instant};
 /// A driver that hears nothing from the simulation for so long displays zero.
 const SILENCE: Duration = Duration::from_millis(50);
 
+/// What a driver wants to know again of the reading that a wrench answers.
+pub(crate) type Tag = (u32, u64);
+
 /// A reading and when it was taken since the link was made.
 #[derive(Clone, Copy, Default)]
 struct Stamped {
     reading: Reading,
     at: Duration,
+    tag: Tag,
 }
 
 /// A wrench, when it was given, and the stamp of the reading it answers.
@@ -21,6 +25,7 @@ struct Command {
     wrench: Wrench,
     at: Duration,
     answers: Duration,
+    tag: Tag,
 }
 
 #[derive(Default)]
@@ -123,6 +128,7 @@ impl HapticDevice for LinkedDevice {
             wrench: allowed.unwrap_or_default(),
             at: self.epoch.elapsed(),
             answers: self.newest.at,
+            tag: self.newest.tag,
         });
         allowed.map(|_| ())
     }
@@ -144,13 +150,22 @@ impl Drop for LinkedDevice {
 
 impl DriverEnd {
     /// Hands over a reading, stamped with the time of this call. One that is not finite is kept back.
-    pub(crate) fn publish(&mut self, mut reading: Reading) -> Result<(), DeviceFault> {
+    pub(crate) fn publish(&mut self, reading: Reading) -> Result<(), DeviceFault> {
+        self.publish_tagged(reading, Tag::default())
+    }
+
+    /// Likewise; the wrench that answers it will carry the tag.
+    pub(crate) fn publish_tagged(
+        &mut self,
+        mut reading: Reading,
+        tag: Tag,
+    ) -> Result<(), DeviceFault> {
         if !is_finite(&reading) {
             return Err(DeviceFault::Malformed);
         }
         let at = self.epoch.elapsed();
         reading.time = at.as_secs_f64();
-        self.readings.write(Stamped { reading, at });
+        self.readings.write(Stamped { reading, at, tag });
         Ok(())
     }
 
@@ -169,6 +184,11 @@ impl DriverEnd {
         } else {
             command.wrench
         }
+    }
+
+    /// The tag of the reading that the last [`wrench`](Self::wrench) answers.
+    pub(crate) fn answered(&mut self) -> Tag {
+        self.commands.output_buffer_mut().tag
     }
 
     /// Whether a wrench has come that [`wrench`](Self::wrench) has not given yet.

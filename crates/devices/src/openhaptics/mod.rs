@@ -252,12 +252,13 @@ impl Servo for Stand {
             let Some(fault) = fault_of(error.code) else {
                 continue;
             };
-            let is_known = arms.iter().any(|a| a.handle == error.device);
-            for arm in arms.iter_mut() {
-                if arm.handle == error.device || (!is_known && !arm.is_lost()) {
-                    arm.note(fault, tick);
-                }
-            }
+            let is_theirs =
+                |a: &Arm| error.device != INVALID && [a.handle, a.former].contains(&error.device);
+            // An error of no known device is everybody's: better two silent devices than one that pushes wrongly.
+            let is_known = arms.iter().any(is_theirs);
+            let concerned = |a: &&mut Arm| !a.is_lost() && (!is_known || is_theirs(a));
+            let arms = arms.iter_mut().filter(concerned);
+            arms.for_each(|arm| arm.note(fault, tick));
         }
         arms.iter_mut().for_each(|arm| arm.report(tick));
     }
