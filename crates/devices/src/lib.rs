@@ -11,6 +11,7 @@
 //! pose has no rotation.
 
 pub mod force_dimension;
+pub mod haply;
 mod library;
 mod link;
 mod models;
