@@ -11,6 +11,8 @@
 //! pose has no rotation.
 
 pub mod force_dimension;
+#[cfg(feature = "gamepad")]
+pub mod gamepad;
 pub mod haply;
 mod library;
 mod link;
@@ -18,9 +20,13 @@ mod models;
 mod open_error;
 pub mod openhaptics;
 mod operated;
+#[cfg(any(unix, feature = "gamepad"))]
+mod puck;
 mod recorded_hand;
 pub mod remote;
 mod simulated_hand;
+#[cfg(unix)]
+pub mod spacenav;
 mod workspace;
 
 pub use link::{Latency, LinkedDevice};

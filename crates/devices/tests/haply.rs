@@ -44,7 +44,8 @@ fn state(service: &Service, is_first: bool) -> String {
             "cursor_position": vector([f[0] * 1e-3, 0.1 + f[1] * 1e-3, f[2] * 1e-3]),
             "cursor_velocity": vector([0.0; 3]),
         });
-        let mut device = json!({"device_id": (["049D", "05DA"][i]), "status": {"calibrated": true}});
+        let mut device =
+            json!({"device_id": (["049D", "05DA"][i]), "status": {"calibrated": true}});
         if service.is_new {
             state["control_mode"] = json!("idle");
             state["body_orientation"] = json!({"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0});
