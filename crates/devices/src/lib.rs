@@ -2,7 +2,7 @@
 //!
 //! One trait, [`HapticDevice`]; a backend a module. Always there: [`SimulatedHand`] (a mass on a spring that follows a
 //! target and feels the displayed wrench) and [`RecordedHand`] (poses from a recording, deaf to the wrench). Physical
-//! devices are found at run time (see `open` and `survey`): vendors' libraries are loaded, services connected to;
+//! devices are found at run time ([`open()`], [`Driver::connect`]): vendors' libraries are loaded, services connected to;
 //! none is needed to build. Their drivers run on threads of their own and meet the 1 kHz thread in a [`LinkedDevice`].
 //! [`OperatedDevice`] maps a device into the world and keeps hands safe when it fails.
 //!
@@ -10,6 +10,8 @@
 //! The device's frame, for every backend: x to the user's right, y away from the user, z up; the handle in its neutral
 //! pose has no rotation.
 
+mod binding;
+mod exercise;
 pub mod force_dimension;
 #[cfg(feature = "gamepad")]
 pub mod gamepad;
@@ -29,6 +31,8 @@ mod simulated_hand;
 pub mod spacenav;
 mod workspace;
 
+pub use binding::{BadBinding, Binding, Driver, open};
+pub use exercise::{Exercise, exercise};
 pub use link::{Latency, LinkedDevice};
 pub use models::{
     DeviceModel, INVERSE_3, LAMBDA_7, MODELS, OMEGA_3, OMEGA_6, OMNI, PREMIUM_6DOF, SIGMA_7, TOUCH,
