@@ -1,6 +1,7 @@
 //! The program `osteotome`.
 mod cli;
 mod commands;
+mod devices;
 mod engine;
 mod fracture;
 mod input;

@@ -1,34 +1,12 @@
 //! Stand-ins for the vendors' libraries, built from their C sources, and the hands that make them fail.
 #![allow(dead_code, unsafe_code)]
-use libloading::Library;
-use std::path::{Path, PathBuf};
-use std::process::Command;
-use std::time::{Duration, Instant};
+mod building;
 
-/// Builds `NAME.c` beside this file into `folder`.
-pub fn build(name: &str, folder: &Path) -> PathBuf {
-    let source =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../devices/tests/standin/{name}.c"));
-    let library = folder.join(format!("{name}.so"));
-    let status = Command::new("cc")
-        .args([
-            "-std=gnu11",
-            "-O1",
-            "-Wall",
-            "-Wextra",
-            "-Werror",
-            "-shared",
-            "-fPIC",
-            "-pthread",
-        ])
-        .arg("-o")
-        .args([&library, &source])
-        .arg("-lm")
-        .status()
-        .expect("cc runs");
-    assert!(status.success(), "{name}.c does not build");
-    library
-}
+pub use building::build;
+
+use libloading::Library;
+use std::path::Path;
+use std::time::{Duration, Instant};
 
 /// The strings that move the puppet: the same library, loaded again.
 pub struct Strings(Library);
