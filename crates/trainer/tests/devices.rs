@@ -3,9 +3,10 @@
 mod building;
 
 use building::build;
+use nalgebra::{Isometry3, Matrix3, Matrix4, Quaternion, UnitQuaternion, Vector3};
 use serde_json::Value;
-use std::path::Path;
-use std::process::{Command, Output};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output};
 
 /// The program where no vendor's library or service is, but for what `found` names.
 fn osteotome(folder: &Path, found: &[(&str, &Path)], args: &[&str]) -> Output {
@@ -153,4 +154,196 @@ fn devices_that_cannot_be_had_are_refused_in_one_line() {
         &["devices", "--seconds", "0"],
         &["--seconds 0"],
     );
+}
+
+// Whole splits, in real time and on the shipped bone: the poses of a session that the built-in surgeon has led are led once
+// more by devices. They need a machine that keeps the pace, and OSTEOTOME_LONG=1.
+
+const SCENARIO: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../../scenarios/bsso_right.toml"
+);
+
+fn is_long() -> bool {
+    std::env::var_os("OSTEOTOME_LONG").is_some()
+}
+
+/// The surgeon's session in lockstep, and both hands' motion as their devices' poses up to the break. There they stay: in real
+/// time the crack may need longer to get so far.
+fn surgeons_hands(folder: &Path) -> [Vec<Isometry3<f64>>; 2] {
+    let args = ["run", SCENARIO, "--out", "surgeon", "--json"];
+    let metrics = json(&osteotome(folder, &[], &args));
+    let time = metrics["split"]["time_s"]
+        .as_f64()
+        .expect("the surgeon splits it");
+    let n_steps = (1e3 * time) as usize;
+    let bytes = std::fs::read(folder.join("surgeon/session.mcap")).expect("a recording");
+    let mut hands = [vec![], vec![]];
+    for message in mcap::MessageStream::new(&bytes).expect("an MCAP file") {
+        let message = message.expect("a message");
+        let topics = ["/haptic/left", "/haptic/right"];
+        let Some(i) = topics.iter().position(|t| *t == message.channel.topic) else {
+            continue;
+        };
+        let sample: Value = serde_json::from_slice(&message.data).expect("JSON");
+        let n = |of: &str, key: &str| sample["device_pose"][of][key].as_f64().expect("a number");
+        let place = Vector3::from(["x", "y", "z"].map(|k| n("position", k)));
+        let [w, x, y, z] = ["w", "x", "y", "z"].map(|k| n("orientation", k));
+        let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+        hands[i].push(Isometry3::from_parts(place.into(), turn));
+    }
+    hands.map(|poses| {
+        let start = poses[0];
+        let relative = |p: &Isometry3<f64>| {
+            let moved = p.translation.vector - start.translation.vector;
+            Isometry3::from_parts(moved.into(), p.rotation * start.rotation.inverse())
+        };
+        poses.iter().take(n_steps).map(relative).collect()
+    })
+}
+
+fn split_by(
+    folder: &Path,
+    found: &[(&str, &Path)],
+    devices: [&str; 2],
+    seconds: f64,
+) -> (Value, Vec<String>) {
+    let sets = [0, 1].map(|i| format!("tool.{i}.device={:?}", devices[i]));
+    let time = format!("{seconds:.1}");
+    let args = [
+        "run",
+        SCENARIO,
+        "--mode",
+        "realtime",
+        "--json",
+        "--out",
+        "out",
+        "--max-time",
+        &time,
+        "--set",
+        &sets[0],
+        "--set",
+        &sets[1],
+    ];
+    let metrics = json(&osteotome(folder, found, &args));
+    let bytes = std::fs::read(folder.join("out/session.mcap")).expect("a recording");
+    let messages = mcap::MessageStream::new(&bytes).expect("an MCAP file");
+    let messages = messages.map(|m| m.expect("a message"));
+    let events = messages
+        .filter(|m| m.channel.topic == "/event")
+        .map(|m| text(&m.data))
+        .collect();
+    (metrics, events)
+}
+
+fn vendors_transforms(poses: &[Isometry3<f64>]) -> Vec<u8> {
+    // OpenHaptics: x right, y up, z to the user.
+    let to_vendor = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0);
+    let bytes = |pose: &Isometry3<f64>| {
+        let turn = to_vendor * pose.rotation.to_rotation_matrix() * to_vendor.transpose();
+        let mut m = Matrix4::identity();
+        m.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn);
+        m.fixed_view_mut::<3, 1>(0, 3)
+            .copy_from(&(to_vendor * pose.translation.vector));
+        m.as_slice()
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect::<Vec<u8>>()
+    };
+    poses.iter().flat_map(bytes).collect()
+}
+
+/// For a crack that lags behind the hands, and for a pause \[s\].
+const PATIENCE: f64 = 12.0;
+
+fn length(hands: &[Vec<Isometry3<f64>>; 2]) -> f64 {
+    hands[0].len() as f64 * 1e-3
+}
+
+#[test]
+fn openhaptics_drives_a_whole_split_and_an_unplugging_in_its_midst() {
+    if !is_long() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let hands = surgeons_hands(folder);
+    let files = [0, 1].map(|i| {
+        let file = folder.join(format!("hand{i}.bin"));
+        std::fs::write(&file, vendors_transforms(&hands[i])).expect("written");
+        file
+    });
+    let hd = build("libHD", folder);
+    let found = [
+        ("OSTEOTOME_LIBHD", hd.as_path()),
+        ("STANDIN_POSES_0", &files[0]),
+        ("STANDIN_POSES_1", &files[1]),
+        ("STANDIN_GO", Path::new("out.partial")),
+        ("STANDIN_UNPLUG", Path::new("2000:700")),
+    ];
+    let devices = ["openhaptics:SN-1001", "openhaptics:SN-2002"];
+    let (metrics, events) = split_by(folder, &found, devices, length(&hands) + PATIENCE);
+    let told = |part: &str| events.iter().any(|e| e.contains(part));
+    assert!(
+        told("the right device: unplugged") && told("the right device is back"),
+        "{events:?}"
+    );
+    assert_eq!(metrics["split"]["complete"], true, "{metrics}");
+}
+
+/// A process that is ended with the test.
+struct Client(Child);
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn python(folder: &Path, hands: &[(String, PathBuf)]) -> Client {
+    let mut command = Command::new("python3");
+    command.current_dir(folder).arg(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../examples/remote_hand.py"
+    ));
+    command.args(["--seconds", "600"]);
+    for (port, file) in hands {
+        command
+            .arg("--hand")
+            .arg(format!("{port}:{}", file.display()));
+    }
+    Client(command.spawn().expect("python3 runs"))
+}
+
+#[test]
+fn the_python_client_drives_a_whole_split() {
+    if !is_long() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let hands = surgeons_hands(folder);
+    // Ports that were free a moment ago.
+    let socket = || std::net::UdpSocket::bind("127.0.0.1:0").expect("a port");
+    let sockets = [socket(), socket()];
+    let ports = sockets.map(|s| s.local_addr().expect("bound").port().to_string());
+    let led = [0, 1].map(|i| {
+        let file = folder.join(format!("hand{i}.csv"));
+        let line = |p: &Isometry3<f64>| {
+            let (t, q) = (p.translation.vector, p.rotation.coords);
+            format!("{} {} {} {} {} {} {}\n", t.x, t.y, t.z, q.x, q.y, q.z, q.w)
+        };
+        std::fs::write(&file, hands[i].iter().map(line).collect::<String>()).expect("written");
+        (ports[i].clone(), file)
+    });
+    let _client = python(folder, &led);
+    let devices = [0, 1].map(|i| format!("remote:{}", ports[i]));
+    let (metrics, _) = split_by(
+        folder,
+        &[],
+        devices.each_ref().map(String::as_str),
+        length(&hands) + PATIENCE,
+    );
+    assert_eq!(metrics["split"]["complete"], true, "{metrics}");
 }

@@ -1,12 +1,18 @@
 /* A stand-in for OpenHaptics' libHD: two devices, each held by a simulated hand (mass, spring, damper), and a scheduler
- * thread at 1 kHz. Vendor names as in its public headers; what begins with standin_ lets tests make it fail. */
+ * thread at 1 kHz. Vendor names as in its public headers; what begins with standin_ lets tests make it fail.
+ * In a process of its own, environment variables do: STANDIN_POSES_0 and _1 name files of transforms (16 doubles each) that
+ * the hands follow, one a tick, once the file STANDIN_GO is there; both devices are Premiums then; STANDIN_UNPLUG=TICK:TICKS
+ * unplugs the second at that tick for so long. */
 #define _GNU_SOURCE
 #include <math.h>
 #include <pthread.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 typedef struct { uint32_t code; int32_t internal; uint32_t device; } HDErrorInfo;
 typedef uint32_t (*Callback)(void *);
@@ -18,7 +24,8 @@ static struct Device {
     int open, plugged, hot, exceeded, fault, buttons, forces_on, ramping;
     uint32_t calibration;
     double target[3], position[3], velocity[3], force[3], torque[3];
-    double script_at, *script; int script_n; /* poses of 16 doubles, one a tick */
+    double *script; /* poses of 16 doubles, one a tick */
+    int script_n;
 } devices[N] = {{.plugged = 1, .calibration = 0x5000}, {.plugged = 1, .calibration = 0x5000}};
 static const char *serials[N] = {"SN-1001", "SN-2002"};
 static const char *models[N] = {"Phantom Omni", "Phantom Premium 1.5/6DOF"};
@@ -30,9 +37,40 @@ static uint32_t current = INVALID;
 static Callback callback;
 static void *callback_data;
 static pthread_t thread;
+static const char *go;
+static int played, has_begun, unplug_at = -1, unplug_for, premiums, ticks;
 
 static void fail(uint32_t code, uint32_t device) {
     if (queued < 64) queue[queued++] = (HDErrorInfo){code, 0, device};
+}
+static void read_script(int i) {
+    char name[] = "STANDIN_POSES_0";
+    name[14] = (char)('0' + i);
+    FILE *file = getenv(name) ? fopen(getenv(name), "rb") : NULL;
+    if (!file) return;
+    fseek(file, 0, SEEK_END);
+    devices[i].script_n = (int)(ftell(file) / (16 * (long)sizeof(double)));
+    rewind(file);
+    devices[i].script = malloc((size_t)devices[i].script_n * 16 * sizeof(double));
+    if (fread(devices[i].script, 16 * sizeof(double), (size_t)devices[i].script_n, file) != (size_t)devices[i].script_n)
+        devices[i].script_n = 0;
+    fclose(file);
+    premiums = 1;
+}
+__attribute__((constructor)) static void begin(void) {
+    go = getenv("STANDIN_GO");
+    for (int i = 0; i < N; i++) read_script(i);
+    if (getenv("STANDIN_UNPLUG")) sscanf(getenv("STANDIN_UNPLUG"), "%d:%d", &unplug_at, &unplug_for);
+}
+static int is_premium(uint32_t i) { return i == 1 || premiums; }
+static void play(void) { /* the hands wait while a device is away */
+    ticks++;
+    has_begun |= go && ticks % 32 == 0 && access(go, F_OK) == 0;
+    if (has_begun && devices[0].open && devices[1].open) {
+        played++;
+        if (played == unplug_at) devices[1].plugged = 0;
+    }
+    if (!devices[1].plugged && unplug_for > 0 && --unplug_for == 0) devices[1].plugged = 1;
 }
 static struct Device *now(void) { return current < N && devices[current].open ? &devices[current] : NULL; }
 
@@ -74,15 +112,14 @@ void hdEnable(uint32_t what) {
 void hdGetDoublev(uint32_t what, double *v) {
     struct Device *d = now();
     if (!d) { fail(0x104, current); return; }
-    int premium = current == 1;
+    int premium = is_premium(current);
     switch (what) {
     case 0x2050: memcpy(v, d->position, sizeof d->position); break;
     case 0x2051: memcpy(v, d->velocity, sizeof d->velocity); break;
     case 0x2053: v[0] = v[1] = v[2] = 0; break;
     case 0x2052:
         if (d->script_n) {
-            int at = (int)d->script_at;
-            memcpy(v, d->script + 16 * (at < d->script_n ? at : d->script_n - 1), 16 * sizeof *v);
+            memcpy(v, d->script + 16 * (played < d->script_n ? played : d->script_n - 1), 16 * sizeof *v);
             break;
         }
         memset(v, 0, 16 * sizeof *v);
@@ -103,20 +140,20 @@ void hdGetIntegerv(uint32_t what, int32_t *v) {
     switch (what) {
     case 0x2000: *v = d->buttons; break;
     case 0x2553: *v = 6; break;
-    case 0x2554: *v = current == 1 ? 6 : 3; break;
+    case 0x2554: *v = is_premium(current) ? 6 : 3; break;
     case 0x2555: *v = 4; break;
     default: fail(0x100, current);
     }
 }
 const char *hdGetString(uint32_t what) {
     if (!now()) { fail(0x104, current); return ""; }
-    return what == 0x2504 ? serials[current] : what == 0x2501 ? models[current] : "";
+    return what == 0x2504 ? serials[current] : what == 0x2501 ? models[is_premium(current)] : "";
 }
 void hdSetDoublev(uint32_t what, const double *v) {
     struct Device *d = now();
     if (!d) { fail(0x104, current); return; }
     if (what == 0x2700) memcpy(d->force, v, sizeof d->force);
-    else if (what == 0x2701 && current == 1) memcpy(d->torque, v, sizeof d->torque);
+    else if (what == 0x2701 && is_premium(current)) memcpy(d->torque, v, sizeof d->torque);
     else fail(0x100, current);
 }
 HDErrorInfo hdGetError(void) {
@@ -142,9 +179,9 @@ static void *run(void *unused) {
         clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
         pthread_mutex_lock(&lock);
         if (scheduled) callback(callback_data);
+        play();
         for (int i = 0; i < N; i++) { /* .1 kg, 500 N/m, 5 N s/m in mm */
             struct Device *d = &devices[i];
-            if (d->script_n && d->open) d->script_at += 1;
             for (int k = 0; k < 3; k++) {
                 double f = (d->forces_on ? d->force[k] : 0) + 0.5 * (d->target[k] - d->position[k]) - 0.005 * d->velocity[k];
                 d->velocity[k] += f / 0.1 * 1e3 * 1e-3;
@@ -197,6 +234,3 @@ void standin_shown(int i, double *v) { /* force, torque */
     LOCKED(memcpy(v, devices[i].force, 24); memcpy(v + 3, devices[i].torque, 24));
 }
 void standin_place(int i, double *v) { LOCKED(memcpy(v, devices[i].position, 24)); }
-void standin_script(int i, double *poses, int n) {
-    LOCKED(devices[i].script = poses; devices[i].script_n = n; devices[i].script_at = 0);
-}
