@@ -1,7 +1,9 @@
 //! Stand-ins for the vendors' libraries, built from their C sources, and the hands that make them fail.
 #![allow(dead_code, unsafe_code)]
 mod building;
+pub mod haply_service;
 
+#[allow(unused_imports)]
 pub use building::build;
 
 use libloading::Library;
