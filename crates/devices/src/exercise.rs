@@ -1,4 +1,5 @@
 //! A gentle spring on a device, and how well it keeps up.
+use crate::pace::{Pace, raise_priority};
 use crate::{DeviceFault, HapticDevice, Latency, Vec3, Wrench};
 use std::time::{Duration, Instant};
 
@@ -23,15 +24,16 @@ pub struct Exercise {
     pub fault: Option<DeviceFault>,
 }
 
-/// Pulls the handle gently along a circle about where it is, for so long.
+/// Pulls the handle gently along a circle about where it is, for so long. Raises the calling thread's priority if it may.
 pub fn exercise(device: &mut dyn HapticDevice, duration: Duration) -> Exercise {
+    raise_priority();
     let latency = Latency::default();
     let mut intervals = Vec::new();
     let mut fault = None;
     let mut newest = device.read();
     let middle = newest.pose.translation.vector;
     let start = Instant::now();
-    let mut next = start;
+    let mut pace = Pace::new(PERIOD);
     let mut seen = start;
     while start.elapsed() < duration {
         let read = Instant::now();
@@ -51,8 +53,7 @@ pub fn exercise(device: &mut dyn HapticDevice, duration: Duration) -> Exercise {
         });
         latency.count(read.elapsed());
         fault = told.err().or(device.health().fault).or(fault);
-        next = (next + PERIOD).max(Instant::now());
-        std::thread::sleep(next.saturating_duration_since(Instant::now()));
+        pace.wait();
     }
     let seconds = start.elapsed().as_secs_f64();
     let _ = device.write(&Wrench::default());

@@ -22,6 +22,7 @@ mod models;
 mod open_error;
 pub mod openhaptics;
 mod operated;
+mod pace;
 #[cfg(any(unix, feature = "gamepad"))]
 mod puck;
 mod recorded_hand;

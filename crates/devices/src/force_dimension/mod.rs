@@ -5,6 +5,7 @@
 mod ffi;
 
 use crate::link::{DriverEnd, link};
+use crate::pace::{Pace, raise_priority};
 use crate::{
     DeviceFault, DeviceModel, LinkedDevice, OpenError, Pose, Reading, SIGMA_7, Specification, Vec3,
 };
@@ -12,7 +13,7 @@ use ffi::{Dhd, Failed, Id};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use std::sync::Arc;
 use std::thread::Builder;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 const PERIOD: Duration = Duration::from_millis(1);
 /// A reading older than this is stale.
@@ -98,17 +99,16 @@ struct Arm {
 
 impl Arm {
     fn serve(&mut self) {
+        raise_priority();
         let mut tick = 0;
-        let mut next = Instant::now();
+        let mut pace = Pace::new(PERIOD);
         while !self.end.is_abandoned() {
             if self.tick(tick).is_err() {
                 self.end.set_fault(Some(DeviceFault::Unplugged));
                 self.reopen();
-                next = Instant::now();
             }
             tick += 1;
-            next = (next + PERIOD).max(Instant::now());
-            std::thread::sleep(next.saturating_duration_since(Instant::now()));
+            pace.wait();
         }
         let _ = self.dhd.set_force(&[0.0; 3], &[0.0; 3], self.id);
         self.dhd.close(self.id);

@@ -5,12 +5,13 @@
 mod message;
 
 use crate::link::{DriverEnd, link};
+use crate::pace::{Pace, raise_priority};
 use crate::{DeviceFault, INVERSE_3, LinkedDevice, OpenError, Specification, Vec3};
 use message::{Dialect, Message, forces};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
 use std::sync::Arc;
 use std::thread::Builder;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tungstenite::protocol::WebSocketConfig;
 use tungstenite::{Error, WebSocket};
 
@@ -143,6 +144,7 @@ impl Client {
     }
 
     fn serve(&mut self, socket: WebSocket<TcpStream>) {
+        raise_priority();
         let mut connected = Some(socket);
         while !self.is_abandoned() {
             if let Some(mut socket) = connected.take() {
@@ -168,13 +170,12 @@ impl Client {
 
     /// Until the connection fails, stalls, or nobody wants it any more.
     fn drive(&mut self, socket: &mut WebSocket<TcpStream>) {
-        let mut next = Instant::now();
+        let mut pace = Pace::new(PERIOD);
         while !self.is_abandoned() {
             if self.tick(socket).is_err() {
                 return;
             }
-            next = (next + PERIOD).max(Instant::now());
-            std::thread::sleep(next.saturating_duration_since(Instant::now()));
+            pace.wait();
         }
         let zero: Vec<_> = self
             .arms

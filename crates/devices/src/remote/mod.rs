@@ -2,6 +2,7 @@
 mod packet;
 
 use crate::link::{DriverEnd, link};
+use crate::pace::raise_priority;
 use crate::{DeviceFault, LinkedDevice, OpenError, PREMIUM_6DOF, Specification};
 use packet::{POSE_LEN, PosePacket, WrenchPacket};
 use std::net::{SocketAddr, UdpSocket};
@@ -120,6 +121,7 @@ struct Server {
 
 impl Server {
     fn serve(&mut self) {
+        raise_priority();
         // One byte more than a packet, so that a longer one is seen to be longer.
         let mut buffer = [0; POSE_LEN + 1];
         while !self.end.is_abandoned() {
