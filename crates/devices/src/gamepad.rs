@@ -1,11 +1,10 @@
 //! Gamepads, through gilrs. Left stick: right and away; right stick: up and about the upright axis; shoulder buttons: pitch.
 //! Six degrees of freedom less roll in, none out.
-use crate::link::{DriverEnd, link};
+use crate::link::{DriverEnd, DriverThread, link};
 use crate::puck::Puck;
 use crate::{DeviceFault, LinkedDevice, OpenError, Specification, Vec3};
 use gilrs::{Axis, Button, Gamepad, GamepadId, Gilrs};
 use std::sync::Arc;
-use std::thread::Builder;
 use std::time::{Duration, Instant};
 
 const PERIOD: Duration = Duration::from_millis(2);
@@ -25,20 +24,16 @@ pub fn connect() -> Result<Vec<LinkedDevice>, OpenError> {
         message,
     };
     let gilrs = Gilrs::new().map_err(|e| refused(e.to_string()))?;
+    let thread = Arc::new(DriverThread::default());
+    let pads = gilrs.gamepads();
     let (devices, arms): (Vec<_>, Vec<_>) =
-        gilrs.gamepads().map(|(id, pad)| open(id, &pad)).unzip();
+        pads.map(|(id, pad)| open(id, &pad, thread.clone())).unzip();
     if devices.is_empty() {
         return Err(refused("no gamepad is connected".to_owned()));
     }
     // gilrs cannot be sent to a thread on every system: each thread makes its own.
     drop(gilrs);
-    Builder::new()
-        .name("gamepad".into())
-        .spawn(move || serve(arms))
-        .map_err(|error| OpenError::Io {
-            what: "gamepad".to_owned(),
-            error,
-        })?;
+    thread.start("gamepad", move || serve(arms))?;
     Ok(devices)
 }
 
@@ -48,14 +43,14 @@ struct Arm {
     puck: Puck,
 }
 
-fn open(id: GamepadId, pad: &Gamepad<'_>) -> (LinkedDevice, Arm) {
+fn open(id: GamepadId, pad: &Gamepad<'_>, thread: Arc<DriverThread>) -> (LinkedDevice, Arm) {
     let specification = Specification {
         model: pad.name().to_owned(),
         serial: id.to_string(),
         dofs_in: 5,
         ..Specification::default()
     };
-    let (device, end) = link(specification, STALE, Arc::new(()));
+    let (device, end) = link(specification, STALE, thread);
     (
         device,
         Arm {

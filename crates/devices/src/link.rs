@@ -1,8 +1,11 @@
 //! Where a driver's thread meets the 1 kHz thread: latest values only, no lock, no allocation on either side.
-use crate::{DeviceFault, HapticDevice, Health, Reading, Specification, Wrench, limited};
+use crate::{
+    DeviceFault, HapticDevice, Health, OpenError, Reading, Specification, Wrench, limited,
+};
 use std::any::Any;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
 /// A driver that hears nothing from the simulation for so long displays zero.
@@ -42,7 +45,8 @@ struct Shared {
 ///
 /// `read` and `write` neither allocate nor wait. A reading older than the limit given to the driver counts as
 /// [`DeviceFault::Stale`]; while there is any fault, zero is displayed whatever is written. The driver in turn displays
-/// zero once `write` has been silent for 50 ms. Dropping it ends the driver.
+/// zero once `write` has been silent for 50 ms. Dropping it ends the driver, and
+/// waits for that.
 pub struct LinkedDevice {
     specification: Specification,
     readings: triple_buffer::Output<Stamped>,
@@ -61,6 +65,35 @@ pub(crate) struct DriverEnd {
     shared: Arc<Shared>,
     epoch: Instant,
     silence: Duration,
+}
+
+/// A driver's thread. Dropping it waits for the thread's end, so that the program does not end before the device has been
+/// told to display zero; the thread must end by itself once all its devices are abandoned.
+#[derive(Default)]
+pub(crate) struct DriverThread(Mutex<Option<JoinHandle<()>>>);
+
+impl DriverThread {
+    pub(crate) fn start(
+        &self,
+        name: &str,
+        work: impl FnOnce() + Send + 'static,
+    ) -> Result<(), OpenError> {
+        let thread = Builder::new().name(name.to_owned()).spawn(work);
+        let thread = thread.map_err(|error| OpenError::Io {
+            what: name.to_owned(),
+            error,
+        })?;
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(thread);
+        Ok(())
+    }
+}
+
+impl Drop for DriverThread {
+    fn drop(&mut self) {
+        let thread = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
+        // A thread that has panicked has said so already.
+        let _ = thread.take().map(JoinHandle::join);
+    }
 }
 
 /// Both ends. `driver`: dropped with the device; whatever keeps the driver running.

@@ -44,7 +44,10 @@ pub struct OperatedDevice {
 
 impl OperatedDevice {
     /// At the workspace's start, paused until the device gives a reading; one tick every `dt` \[s\].
-    pub fn new(device: Box<dyn HapticDevice>, workspace: Workspace, dt: f64) -> Self {
+    pub fn new(device: Box<dyn HapticDevice>, mut workspace: Workspace, dt: f64) -> Self {
+        if device.specification().max_torque > 0.0 {
+            workspace.torque_lever = None;
+        }
         let start = workspace.start;
         Self {
             device,

@@ -1,14 +1,13 @@
 //! 3Dconnexion's SpaceMouse, through the socket of spacenavd. Six degrees of freedom in, none out.
 //!
 //! An event is eight 32-bit integers. The daemon's frame is x right, y up, z away.
-use crate::link::{DriverEnd, link};
+use crate::link::{DriverEnd, DriverThread, link};
 use crate::puck::Puck;
 use crate::{DeviceFault, LinkedDevice, OpenError, Specification, Vec3};
 use std::io::{ErrorKind, Read};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::thread::Builder;
 use std::time::{Duration, Instant};
 
 const PERIOD: Duration = Duration::from_millis(2);
@@ -61,20 +60,15 @@ pub fn connect_to(path: &Path) -> Result<LinkedDevice, OpenError> {
         dofs_in: 6,
         ..Specification::default()
     };
-    let (device, end) = link(specification, STALE, Arc::new(()));
+    let thread = Arc::new(DriverThread::default());
+    let (device, end) = link(specification, STALE, thread.clone());
     let mut client = Client {
         path: path.to_owned(),
         end,
         puck: Puck::default(),
         state: State::default(),
     };
-    Builder::new()
-        .name("spacenav".into())
-        .spawn(move || client.serve(stream))
-        .map_err(|error| OpenError::Io {
-            what: "spacenav".to_owned(),
-            error,
-        })?;
+    thread.start("spacenav", move || client.serve(stream))?;
     Ok(device)
 }
 

@@ -33,7 +33,7 @@ enum Hand {
     Operated(OperatedDevice),
 }
 
-/// Opens the physical devices that a scenario names, and narrows the tools' limits to what they bear. Says what each is and
+/// Opens the physical devices that a scenario names, and narrows the tools' limits and couplings to what they bear. Says what each is and
 /// what it cannot show.
 ///
 /// # Errors
@@ -63,6 +63,8 @@ pub fn open_devices(scenario: &mut Scenario) -> Result<([Option<LinkedDevice>; 2
         };
         narrow(&mut tool.limits.force, s.max_force);
         narrow(&mut tool.limits.torque, s.max_torque);
+        let stiffest = s.nominal_stiffness.unwrap_or(0.0);
+        narrow(&mut tool.coupling.linear_stiffness, stiffest);
     }
     Ok((devices, notes))
 }

@@ -236,9 +236,8 @@ fn split_by(
     (metrics, events)
 }
 
-fn vendors_transforms(poses: &[Isometry3<f64>]) -> Vec<u8> {
-    // OpenHaptics: x right, y up, z to the user.
-    let to_vendor = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0);
+/// `to_vendor`: from our frame to the vendor's.
+fn transforms(poses: &[Isometry3<f64>], to_vendor: &Matrix3<f64>) -> Vec<u8> {
     let bytes = |pose: &Isometry3<f64>| {
         let turn = to_vendor * pose.rotation.to_rotation_matrix() * to_vendor.transpose();
         let mut m = Matrix4::identity();
@@ -260,35 +259,51 @@ fn length(hands: &[Vec<Isometry3<f64>>; 2]) -> f64 {
     hands[0].len() as f64 * 1e-3
 }
 
-#[test]
-fn openhaptics_drives_a_whole_split_and_an_unplugging_in_its_midst() {
-    if !is_long() {
-        return;
-    }
+/// A whole split, with the right device unplugged for a while in its midst.
+fn splits(library: &str, variable: &str, devices: [&str; 2], to_vendor: &Matrix3<f64>) {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let hands = surgeons_hands(folder);
     let files = [0, 1].map(|i| {
         let file = folder.join(format!("hand{i}.bin"));
-        std::fs::write(&file, vendors_transforms(&hands[i])).expect("written");
+        std::fs::write(&file, transforms(&hands[i], to_vendor)).expect("written");
         file
     });
-    let hd = build("libHD", folder);
+    let library = build(library, folder);
     let found = [
-        ("OSTEOTOME_LIBHD", hd.as_path()),
+        (variable, library.as_path()),
         ("STANDIN_POSES_0", &files[0]),
         ("STANDIN_POSES_1", &files[1]),
         ("STANDIN_GO", Path::new("out.partial")),
         ("STANDIN_UNPLUG", Path::new("2000:700")),
     ];
-    let devices = ["openhaptics:SN-1001", "openhaptics:SN-2002"];
     let (metrics, events) = split_by(folder, &found, devices, length(&hands) + PATIENCE);
     let told = |part: &str| events.iter().any(|e| e.contains(part));
     assert!(
         told("the right device: unplugged") && told("the right device is back"),
         "{events:?}"
     );
-    assert_eq!(metrics["split"]["complete"], true, "{metrics}");
+    assert_eq!(metrics["split"]["complete"], true, "{events:?} {metrics}");
+}
+
+#[test]
+fn openhaptics_drives_a_whole_split() {
+    if is_long() {
+        // x right, y up, z to the user
+        let to_vendor = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0);
+        let devices = ["openhaptics:SN-1001", "openhaptics:SN-2002"];
+        splits("libHD", "OSTEOTOME_LIBHD", devices, &to_vendor);
+    }
+}
+
+#[test]
+fn force_dimension_drives_a_whole_split() {
+    if is_long() {
+        // x to the user, y right, z up
+        let to_vendor = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+        let devices = ["forcedimension:7001", "forcedimension:3002"];
+        splits("libdhd", "OSTEOTOME_LIBDHD", devices, &to_vendor);
+    }
 }
 
 /// A process that is ended with the test.
@@ -301,7 +316,8 @@ impl Drop for Client {
     }
 }
 
-fn python(folder: &Path, hands: &[(String, PathBuf)]) -> Client {
+/// The example client; each hand is a port, and a file to follow.
+fn python(folder: &Path, hands: &[(String, Option<PathBuf>)]) -> Client {
     let mut command = Command::new("python3");
     command.current_dir(folder).arg(concat!(
         env!("CARGO_MANIFEST_DIR"),
@@ -309,11 +325,47 @@ fn python(folder: &Path, hands: &[(String, PathBuf)]) -> Client {
     ));
     command.args(["--seconds", "600"]);
     for (port, file) in hands {
-        command
-            .arg("--hand")
-            .arg(format!("{port}:{}", file.display()));
+        let file = file
+            .as_ref()
+            .map_or_else(String::new, |f| format!(":{}", f.display()));
+        command.arg("--hand").arg(format!("{port}{file}"));
     }
+    command.stdout(std::process::Stdio::null());
     Client(command.spawn().expect("python3 runs"))
+}
+
+/// Ports that were free a moment ago.
+fn free_ports() -> [String; 2] {
+    let socket = || std::net::UdpSocket::bind("127.0.0.1:0").expect("a port");
+    let sockets = [socket(), socket()];
+    sockets.map(|s| s.local_addr().expect("bound").port().to_string())
+}
+
+#[test]
+fn the_python_client_is_understood() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [port, _] = free_ports();
+    let _client = python(folder.path(), &[(port.clone(), None)]);
+    let device = format!("remote:{port}");
+    let args = [
+        "devices",
+        "--test",
+        "--seconds",
+        "0.5",
+        "--json",
+        "--device",
+        &device,
+    ];
+    let report = json(&osteotome(folder.path(), &[], &args));
+    let found = &report["devices"][0];
+    assert_eq!(found["device"], format!("remote:127.0.0.1:{port}"));
+    assert_eq!(found["fault"], Value::Null, "poses came");
+    let test = &found["test"];
+    assert!(test["rate_hz"].as_f64().expect("a rate") > 0.0, "{test}");
+    assert!(
+        test["device_to_device_us"][0].is_u64(),
+        "wrenches went: {test}"
+    );
 }
 
 #[test]
@@ -324,10 +376,7 @@ fn the_python_client_drives_a_whole_split() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let hands = surgeons_hands(folder);
-    // Ports that were free a moment ago.
-    let socket = || std::net::UdpSocket::bind("127.0.0.1:0").expect("a port");
-    let sockets = [socket(), socket()];
-    let ports = sockets.map(|s| s.local_addr().expect("bound").port().to_string());
+    let ports = free_ports();
     let led = [0, 1].map(|i| {
         let file = folder.join(format!("hand{i}.csv"));
         let line = |p: &Isometry3<f64>| {
@@ -335,7 +384,7 @@ fn the_python_client_drives_a_whole_split() {
             format!("{} {} {} {} {} {} {}\n", t.x, t.y, t.z, q.x, q.y, q.z, q.w)
         };
         std::fs::write(&file, hands[i].iter().map(line).collect::<String>()).expect("written");
-        (ports[i].clone(), file)
+        (ports[i].clone(), Some(file))
     });
     let _client = python(folder, &led);
     let devices = [0, 1].map(|i| format!("remote:{}", ports[i]));

@@ -4,7 +4,7 @@
 //! z up, in m, N and N m.
 mod ffi;
 
-use crate::link::{DriverEnd, link};
+use crate::link::{DriverEnd, DriverThread, link};
 use crate::pace::{Pace, raise_priority};
 use crate::{
     DeviceFault, DeviceModel, LinkedDevice, OpenError, Pose, Reading, SIGMA_7, Specification, Vec3,
@@ -12,7 +12,6 @@ use crate::{
 use ffi::{Dhd, Failed, Id};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use std::sync::Arc;
-use std::thread::Builder;
 use std::time::Duration;
 
 const PERIOD: Duration = Duration::from_millis(1);
@@ -70,7 +69,8 @@ fn set_up(dhd: &Dhd, id: Id) -> Result<(), Failed> {
 fn run(dhd: &Arc<Dhd>, id: Id) -> Result<LinkedDevice, OpenError> {
     let specification = specification(dhd, id);
     let has_torque = specification.max_torque > 0.0;
-    let (device, end) = link(specification, STALE, Arc::new(()));
+    let thread = Arc::new(DriverThread::default());
+    let (device, end) = link(specification, STALE, thread.clone());
     let mut arm = Arm {
         dhd: dhd.clone(),
         id,
@@ -78,13 +78,7 @@ fn run(dhd: &Arc<Dhd>, id: Id) -> Result<LinkedDevice, OpenError> {
         has_torque,
         end,
     };
-    Builder::new()
-        .name("forcedimension".into())
-        .spawn(move || arm.serve())
-        .map_err(|error| OpenError::Io {
-            what: "forcedimension".to_owned(),
-            error,
-        })?;
+    thread.start("forcedimension", move || arm.serve())?;
     Ok(device)
 }
 
@@ -135,7 +129,10 @@ impl Arm {
         self.dhd.set_force(&force, &torque, self.id)
     }
 
+    /// Without velocities while the library's estimator is not ready.
     fn reading(&self) -> Result<Reading, Failed> {
+        let linear = self.dhd.linear_velocity(self.id).unwrap_or_default();
+        let angular = self.dhd.angular_velocity(self.id).unwrap_or_default();
         let (place, [x, y, z]) = self.dhd.frame(self.id)?;
         let rows = Matrix3::new(x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2]);
         let turn = from_vendor() * rows * from_vendor().transpose();
@@ -144,8 +141,8 @@ impl Arm {
                 (from_vendor() * Vec3::from(place) / MM).into(),
                 UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turn)),
             ),
-            velocity: from_vendor() * Vec3::from(self.dhd.linear_velocity(self.id)?) / MM,
-            angular_velocity: from_vendor() * Vec3::from(self.dhd.angular_velocity(self.id)?),
+            velocity: from_vendor() * Vec3::from(linear) / MM,
+            angular_velocity: from_vendor() * Vec3::from(angular),
             buttons: self.dhd.buttons(self.id),
             time: 0.0,
         })

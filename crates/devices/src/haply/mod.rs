@@ -4,13 +4,12 @@
 //! the answer. The service is told nothing but forces.
 mod message;
 
-use crate::link::{DriverEnd, link};
+use crate::link::{DriverEnd, DriverThread, link};
 use crate::pace::{Pace, raise_priority};
 use crate::{DeviceFault, INVERSE_3, LinkedDevice, OpenError, Specification, Vec3};
 use message::{Dialect, Message, forces};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
 use std::sync::Arc;
-use std::thread::Builder;
 use std::time::Duration;
 use tungstenite::protocol::WebSocketConfig;
 use tungstenite::{Error, WebSocket};
@@ -65,11 +64,12 @@ pub fn connect_to(address: &str) -> Result<Vec<LinkedDevice>, OpenError> {
             "the service is there, but no Inverse3 is connected to it",
         ));
     }
+    let thread = Arc::new(DriverThread::default());
     let (devices, arms) = ids
         .into_iter()
         .map(|id| {
             let specification = Specification::of(&INVERSE_3, id.clone());
-            let (device, end) = link(specification, STALE, Arc::new(()));
+            let (device, end) = link(specification, STALE, thread.clone());
             (device, Arm { id, end })
         })
         .unzip();
@@ -78,13 +78,7 @@ pub fn connect_to(address: &str) -> Result<Vec<LinkedDevice>, OpenError> {
         arms,
         dialect: inventory.dialect(),
     };
-    Builder::new()
-        .name("haply".into())
-        .spawn(move || client.serve(socket))
-        .map_err(|error| OpenError::Io {
-            what: "haply".to_owned(),
-            error,
-        })?;
+    thread.start("haply", move || client.serve(socket))?;
     Ok(devices)
 }
 

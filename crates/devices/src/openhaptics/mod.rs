@@ -5,7 +5,7 @@
 //! The vendor's frame is x right, y up, z to the user, in mm, N and mN m.
 mod ffi;
 
-use crate::link::{DriverEnd, link};
+use crate::link::{DriverEnd, DriverThread, link};
 use crate::{
     DeviceFault, DeviceModel, LinkedDevice, OpenError, Pose, Reading, Specification, Vec3, Wrench,
 };
@@ -13,8 +13,7 @@ use ffi::{Handle, Hd, INVALID, Servo};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use std::ffi::{CString, c_ulong};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::{Builder, JoinHandle};
+use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
 
 /// A reading older than this is stale.
@@ -54,7 +53,9 @@ pub fn connect() -> Result<Vec<LinkedDevice>, OpenError> {
     }));
     let scheduled = stand.hd.schedule(stand);
     stand.hd.start_scheduler();
-    keeper.start(stand, scheduled)?;
+    let is_over = keeper.is_over.clone();
+    let look_after = move || look_after(stand, scheduled, &is_over);
+    keeper.thread.start("openhaptics", look_after)?;
     Ok(devices)
 }
 
@@ -240,9 +241,12 @@ struct Stand {
 impl Servo for Stand {
     fn tick(&self) {
         let tick = self.ticks.fetch_add(1, Ordering::Relaxed);
-        // Held elsewhere only while the scheduler is stopped or about to be: never wait here.
-        let Ok(mut arms) = self.arms.try_lock() else {
-            return;
+        let mut arms = match self.arms.try_lock() {
+            Ok(arms) => arms,
+            // A tick that panicked must not be the last: the next one may have to display zero.
+            Err(TryLockError::Poisoned(arms)) => arms.into_inner(),
+            // Held elsewhere only while the scheduler is stopped or about to be: never wait here.
+            Err(TryLockError::WouldBlock) => return,
         };
         arms.iter_mut().for_each(|arm| arm.tick(&self.hd, tick));
         for _ in 0..MAX_ERRORS_A_TICK {
@@ -268,34 +272,12 @@ impl Servo for Stand {
 #[derive(Default)]
 struct Keeper {
     is_over: Arc<AtomicBool>,
-    thread: Mutex<Option<JoinHandle<()>>>,
-}
-
-impl Keeper {
-    fn start(&self, stand: &'static Stand, scheduled: c_ulong) -> Result<(), OpenError> {
-        let is_over = self.is_over.clone();
-        let thread = Builder::new()
-            .name("openhaptics".into())
-            .spawn(move || look_after(stand, scheduled, &is_over))
-            .map_err(|error| OpenError::Io {
-                what: "openhaptics".to_owned(),
-                error,
-            })?;
-        *self.thread.lock().unwrap_or_else(PoisonError::into_inner) = Some(thread);
-        Ok(())
-    }
+    thread: DriverThread,
 }
 
 impl Drop for Keeper {
     fn drop(&mut self) {
         self.is_over.store(true, Ordering::Release);
-        let thread = self
-            .thread
-            .get_mut()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take();
-        // A thread that has panicked has said so already.
-        let _ = thread.map(JoinHandle::join);
     }
 }
 

@@ -1,14 +1,13 @@
 //! A hand led by another program over UDP: docs/remote-hand.md.
 mod packet;
 
-use crate::link::{DriverEnd, link};
+use crate::link::{DriverEnd, DriverThread, link};
 use crate::pace::raise_priority;
 use crate::{DeviceFault, LinkedDevice, OpenError, PREMIUM_6DOF, Specification};
 use packet::{POSE_LEN, PosePacket, WrenchPacket};
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::thread::Builder;
 use std::time::{Duration, Instant};
 
 /// A reading older than this is stale.
@@ -81,7 +80,8 @@ pub fn listen(address: SocketAddr, allow_network: bool) -> Result<RemoteHand, Op
     let mut specification = Specification::of(&PREMIUM_6DOF, address.to_string());
     "remote".clone_into(&mut specification.model);
     specification.nominal_stiffness = None;
-    let (device, end) = link(specification, STALE, Arc::new(()));
+    let thread = Arc::new(DriverThread::default());
+    let (device, end) = link(specification, STALE, thread.clone());
     let counts = Arc::new(RemoteCounts::default());
     let mut server = Server {
         socket,
@@ -91,10 +91,7 @@ pub fn listen(address: SocketAddr, allow_network: bool) -> Result<RemoteHand, Op
         client: None,
         newest: None,
     };
-    Builder::new()
-        .name("remote".into())
-        .spawn(move || server.serve())
-        .map_err(io)?;
+    thread.start("remote", move || server.serve())?;
     Ok(RemoteHand {
         device,
         counts,

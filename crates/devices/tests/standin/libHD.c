@@ -1,18 +1,14 @@
 /* A stand-in for OpenHaptics' libHD: two devices, each held by a simulated hand (mass, spring, damper), and a scheduler
  * thread at 1 kHz. Vendor names as in its public headers; what begins with standin_ lets tests make it fail.
- * In a process of its own, environment variables do: STANDIN_POSES_0 and _1 name files of transforms (16 doubles each) that
- * the hands follow, one a tick, once the file STANDIN_GO is there; both devices are Premiums then; STANDIN_UNPLUG=TICK:TICKS
- * unplugs the second at that tick for so long. */
+ * In a process of its own environment variables do (script.h); with poses to follow both are Premiums. */
 #define _GNU_SOURCE
 #include <math.h>
 #include <pthread.h>
 #include <stddef.h>
 #include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <time.h>
-#include <unistd.h>
+#include "script.h"
 
 typedef struct { uint32_t code; int32_t internal; uint32_t device; } HDErrorInfo;
 typedef uint32_t (*Callback)(void *);
@@ -24,8 +20,6 @@ static struct Device {
     int open, plugged, hot, exceeded, fault, buttons, forces_on, ramping;
     uint32_t calibration;
     double target[3], position[3], velocity[3], force[3], torque[3];
-    double *script; /* poses of 16 doubles, one a tick */
-    int script_n;
 } devices[N] = {{.plugged = 1, .calibration = 0x5000}, {.plugged = 1, .calibration = 0x5000}};
 static const char *serials[N] = {"SN-1001", "SN-2002"};
 static const char *models[N] = {"Phantom Omni", "Phantom Premium 1.5/6DOF"};
@@ -37,40 +31,14 @@ static uint32_t current = INVALID;
 static Callback callback;
 static void *callback_data;
 static pthread_t thread;
-static const char *go;
-static int played, has_begun, unplug_at = -1, unplug_for, premiums, ticks;
 
 static void fail(uint32_t code, uint32_t device) {
     if (queued < 64) queue[queued++] = (HDErrorInfo){code, 0, device};
 }
-static void read_script(int i) {
-    char name[] = "STANDIN_POSES_0";
-    name[14] = (char)('0' + i);
-    FILE *file = getenv(name) ? fopen(getenv(name), "rb") : NULL;
-    if (!file) return;
-    fseek(file, 0, SEEK_END);
-    devices[i].script_n = (int)(ftell(file) / (16 * (long)sizeof(double)));
-    rewind(file);
-    devices[i].script = malloc((size_t)devices[i].script_n * 16 * sizeof(double));
-    if (fread(devices[i].script, 16 * sizeof(double), (size_t)devices[i].script_n, file) != (size_t)devices[i].script_n)
-        devices[i].script_n = 0;
-    fclose(file);
-    premiums = 1;
-}
-__attribute__((constructor)) static void begin(void) {
-    go = getenv("STANDIN_GO");
-    for (int i = 0; i < N; i++) read_script(i);
-    if (getenv("STANDIN_UNPLUG")) sscanf(getenv("STANDIN_UNPLUG"), "%d:%d", &unplug_at, &unplug_for);
-}
-static int is_premium(uint32_t i) { return i == 1 || premiums; }
-static void play(void) { /* the hands wait while a device is away */
-    ticks++;
-    has_begun |= go && ticks % 32 == 0 && access(go, F_OK) == 0;
-    if (has_begun && devices[0].open && devices[1].open) {
-        played++;
-        if (played == unplug_at) devices[1].plugged = 0;
-    }
-    if (!devices[1].plugged && unplug_for > 0 && --unplug_for == 0) devices[1].plugged = 1;
+static int is_premium(uint32_t i) { return i == 1 || script_n[i]; }
+static void play(void) {
+    if (script_has_begun() && devices[0].open && devices[1].open && ++played == unplug_at) devices[1].plugged = 0;
+    if (!devices[1].plugged && script_is_over()) devices[1].plugged = 1;
 }
 static struct Device *now(void) { return current < N && devices[current].open ? &devices[current] : NULL; }
 
@@ -118,8 +86,8 @@ void hdGetDoublev(uint32_t what, double *v) {
     case 0x2051: memcpy(v, d->velocity, sizeof d->velocity); break;
     case 0x2053: v[0] = v[1] = v[2] = 0; break;
     case 0x2052:
-        if (d->script_n) {
-            memcpy(v, d->script + 16 * (played < d->script_n ? played : d->script_n - 1), 16 * sizeof *v);
+        if (scripted((int)current)) {
+            memcpy(v, scripted((int)current), 16 * sizeof *v);
             break;
         }
         memset(v, 0, 16 * sizeof *v);

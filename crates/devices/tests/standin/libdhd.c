@@ -1,9 +1,12 @@
 /* A stand-in for Force Dimension's libdhd: a sigma.7 and an omega.3, each held by a simulated hand that moves on with every
- * reading. Vendor names as in its public headers; what begins with standin_ lets tests make it fail. */
+ * reading. Vendor names as in its public headers; what begins with standin_ lets tests make it fail.
+ * In a process of its own the same environment variables do as for libHD.c; a tick is a reading of the first device, and
+ * with poses to follow both are sigma.7. */
 #define _GNU_SOURCE
 #include <pthread.h>
 #include <stdbool.h>
 #include <string.h>
+#include "script.h"
 
 #define N 2
 static struct Device {
@@ -14,6 +17,13 @@ static struct Device {
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static __thread const char *error = "no error";
 static int present = N;
+
+static void play(void) {
+    if (script_has_begun() && devices[0].open && devices[1].open && devices[1].plugged && ++played == unplug_at)
+        devices[1].plugged = 0;
+    if (!devices[1].plugged && script_is_over()) devices[1].plugged = 1;
+}
+static bool is_sigma(char id) { return id == 0 || script_n[1]; }
 
 static struct Device *get(char id) {
     if (id < 0 || id >= N || !devices[(int)id].open || !devices[(int)id].plugged) { error = "device not available"; return NULL; }
@@ -34,9 +44,9 @@ int dhdClose(char id) {
     return 0;
 }
 int dhdGetSerialNumber(unsigned short *sn, char id) { *sn = id == 0 ? 7001 : 3002; return id >= 0 && id < N ? 0 : -1; }
-const char *dhdGetSystemName(char id) { return id == 0 ? "sigma.7" : "omega.3"; }
-bool dhdHasWrist(char id) { return id == 0; }
-bool dhdHasActiveWrist(char id) { return id == 0; }
+const char *dhdGetSystemName(char id) { return is_sigma(id) ? "sigma.7" : "omega.3"; }
+bool dhdHasWrist(char id) { return is_sigma(id); }
+bool dhdHasActiveWrist(char id) { return is_sigma(id); }
 int dhdEnableForce(unsigned char on, char id) {
     int result = -1;
     LOCKED(struct Device *d = get(id); if (d) { d->enabled = on; result = 0; });
@@ -45,7 +55,12 @@ int dhdEnableForce(unsigned char on, char id) {
 int dhdSetTimeGuard(int us, char id) { (void)us; (void)id; return 0; }
 int dhdGetPositionAndOrientationFrame(double *x, double *y, double *z, double m[3][3], char id) {
     int result = -1;
-    LOCKED(struct Device *d = get(id); if (d) {
+    LOCKED(if (id == 0) play(); struct Device *d = get(id); const double *pose = d ? scripted(id) : NULL; if (pose) {
+        for (int k = 0; k < 3; k++) d->position[k] = pose[12 + k] * 1e-3;
+        for (int k = 0; k < 9; k++) m[k / 3][k % 3] = pose[k % 3 * 4 + k / 3];
+        *x = d->position[0]; *y = d->position[1]; *z = d->position[2];
+        result = 0;
+    } else if (d) {
         for (int k = 0; k < 3; k++) { /* 1 ms; .1 kg, 500 N/m, 5 N s/m */
             double f = (d->enabled ? d->force[k] : 0) + 500 * (d->target[k] - d->position[k]) - 5 * d->velocity[k];
             d->velocity[k] += f / 0.1 * 1e-3;
