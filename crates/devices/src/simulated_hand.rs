@@ -49,6 +49,9 @@ impl HandParameters {
             serial: String::new(),
             max_force: self.max_force,
             max_torque: self.max_torque,
+            dofs_in: 6,
+            dofs_out: 6,
+            ..Specification::default()
         }
     }
 }

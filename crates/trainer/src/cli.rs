@@ -1,9 +1,11 @@
 //! The command line: what the user asks for, and with what exit code it ends.
 use crate::commands;
+use crate::devices;
 use crate::fracture;
 use crate::scenario::Override;
 use crate::talk;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use osteotome_devices::Binding;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -37,7 +39,7 @@ enum Command {
     /// Solves a fracture problem and grows its crack, for research and validation
     Fracture(FractureArgs),
     /// Lists haptic devices, and what is missing for those that are not found
-    Devices,
+    Devices(DevicesArgs),
 }
 
 /// Arguments of `demo`.
@@ -115,6 +117,26 @@ pub struct FractureArgs {
     pub json: bool,
 }
 
+/// Arguments of `devices`.
+#[derive(Args)]
+pub struct DevicesArgs {
+    /// Moves a gentle spring on each device and measures rate, jitter and latency; hold on to the handles
+    #[arg(long)]
+    pub test: bool,
+    /// Looks at this device only, named as in a scenario, e.g. haply:049D or remote:9870 (repeatable)
+    #[arg(long, value_name = "DEVICE")]
+    pub device: Vec<Binding>,
+    /// How long each is tested
+    #[arg(long, value_name = "S", default_value_t = 3.0)]
+    pub seconds: f64,
+    /// Lets a remote device be led from other machines
+    #[arg(long)]
+    pub allow_network: bool,
+    /// Prints one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// How a session is driven.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Mode {
@@ -146,7 +168,7 @@ pub fn main() -> ExitCode {
         Command::Check(args) => commands::check(&args),
         Command::Replay(args) => commands::replay(&args),
         Command::Fracture(args) => fracture::fracture(&args),
-        Command::Devices => commands::devices(),
+        Command::Devices(args) => devices::devices(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

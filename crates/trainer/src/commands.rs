@@ -1,7 +1,7 @@
 //! What the commands do.
 use crate::cli::{CheckArgs, DemoArgs, Failure, Mode, ReplayArgs, RunArgs};
 use crate::engine::{self, Prepared};
-use crate::input::Input;
+use crate::input::{Input, open_devices};
 use crate::loops::{lockstep, realtime};
 use crate::scenario::{self, Override, Scenario, Source};
 use crate::session::{
@@ -11,6 +11,7 @@ use crate::session::{
 use crate::talk::{self, Progress};
 use crate::verify::Comparison;
 use anyhow::{Context, Result, anyhow};
+use osteotome_devices::{Binding, LinkedDevice};
 use std::path::{Path, PathBuf};
 
 /// `demo`: the shipped scenario in real time; a split that does not complete is a failure.
@@ -19,10 +20,12 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failure> {
         name: "built-in scenario".to_owned(),
         text: scenario::BSSO_RIGHT.to_owned(),
     };
-    let scenario = load(&source, &args.set)?;
+    let mut scenario = load(&source, &args.set)?;
     SessionFolder::check(&args.out, &SESSION).map_err(Failure::Input)?;
+    let (devices, notes) = open_devices(&mut scenario).map_err(Failure::Input)?;
+    notes.iter().for_each(|note| talk::say(note));
     let prepared = prepare(&scenario)?;
-    let input = built_in(&scenario, &prepared)?;
+    let input = live(&scenario, &prepared, devices)?;
     let metrics = session(&scenario, &prepared, input, Mode::Realtime, &args.out)?;
     talk::say(&talk::summary(&metrics.outcome()));
     talk::say(&format!("Session: {}", args.out.display()));
@@ -46,17 +49,22 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     for text in extra.into_iter().flatten() {
         overrides.push(text.parse().map_err(Failure::Input)?);
     }
-    let scenario = load(&Source::File(args.scenario.clone()), &overrides)?;
+    let mut scenario = load(&Source::File(args.scenario.clone()), &overrides)?;
     SessionFolder::check(&args.out, &SESSION).map_err(Failure::Input)?;
     let recording = if args.input == Path::new("builtin") {
         None
     } else {
         Some(Recording::read(&args.input).map_err(Failure::Input)?)
     };
+    let devices = if recording.is_none() {
+        users_devices(&mut scenario, args)?
+    } else {
+        [None, None]
+    };
     let prepared = prepare(&scenario)?;
     let input = match &recording {
         Some(recording) => Input::recorded(&scenario, &recording.hands).map_err(Failure::Input)?,
-        None => built_in(&scenario, &prepared)?,
+        None => live(&scenario, &prepared, devices)?,
     };
     let metrics = session(&scenario, &prepared, input, args.mode, &args.out)?;
     if args.json {
@@ -66,6 +74,31 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         talk::say(&format!("Session: {}", args.out.display()));
     }
     Ok(())
+}
+
+/// Physical devices live by the clock.
+fn users_devices(
+    scenario: &mut Scenario,
+    args: &RunArgs,
+) -> Result<[Option<LinkedDevice>; 2], Failure> {
+    let physical = scenario
+        .tool
+        .iter()
+        .find(|t| t.device != Binding::Simulated);
+    if let Some(tool) = physical
+        && args.mode == Mode::Lockstep
+    {
+        return Err(Failure::Input(anyhow!(
+            "the {} tool's device is {}, which cannot be stepped; give --mode realtime",
+            tool.name,
+            tool.device
+        )));
+    }
+    let (devices, notes) = open_devices(scenario).map_err(Failure::Input)?;
+    if !args.json {
+        notes.iter().for_each(|note| talk::say(note));
+    }
+    Ok(devices)
 }
 
 /// `check`: everything up to the first step of a session.
@@ -146,16 +179,6 @@ fn verify(recording: &Recording, prepared: &Prepared, mut input: Input) -> Resul
     Ok(())
 }
 
-/// `devices`: what can be led by whom.
-pub fn devices() -> Result<(), Failure> {
-    talk::say(
-        "simulated  always there; a hand of mass, spring and damper on a Phantom Premium 1.5/6DOF's limits",
-    );
-    talk::say("recorded   always there; run --input SESSION.mcap");
-    talk::say("No driver for physical devices is built in yet.");
-    Ok(())
-}
-
 fn load(source: &Source, overrides: &[Override]) -> Result<Scenario, Failure> {
     let here = std::env::current_dir().map_err(|e| Failure::Work(e.into()))?;
     scenario::load(source, overrides, &here).map_err(Failure::Input)
@@ -171,6 +194,14 @@ fn prepare(scenario: &Scenario) -> Result<Prepared, Failure> {
 
 fn built_in(scenario: &Scenario, prepared: &Prepared) -> Result<Input, Failure> {
     Input::built_in(scenario, prepared.line.clone()).map_err(Failure::Input)
+}
+
+fn live(
+    scenario: &Scenario,
+    prepared: &Prepared,
+    devices: [Option<LinkedDevice>; 2],
+) -> Result<Input, Failure> {
+    Input::live(scenario, prepared.line.clone(), devices).map_err(Failure::Input)
 }
 
 /// Runs a session and leaves its folder.

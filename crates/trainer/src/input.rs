@@ -1,43 +1,145 @@
-//! Whose hands hold the devices: the built-in surgeon's or recorded ones.
-use crate::scenario::Scenario;
+//! Whose hands hold the devices: the built-in surgeon's, a user's, or recorded ones.
+use crate::scenario::{Scenario, Tool, Workspace};
 use crate::session::HandSample;
 use crate::surgeon::{BuiltInSurgeon, CrackView, Sight, SplitLine};
-use anyhow::Result;
-use osteotome_devices::{HapticDevice, Reading, RecordedHand, SimulatedHand, Wrench};
+use anyhow::{Result, bail};
+use nalgebra::UnitQuaternion;
+use osteotome_devices::{
+    Binding, HapticDevice, LinkedDevice, OperatedDevice, Reading, RecordedHand, SimulatedHand,
+    Wrench,
+};
 use osteotome_mechanics::geometry::{Pose, Vec3};
 
 /// Two hands. Everything here runs in the haptic loop: no allocation, no wait, no log.
 pub enum Input {
-    /// The surgeon leads two simulated hands.
-    BuiltIn(Box<BuiltIn>),
+    /// Each hand the surgeon's, on a simulated device, or the user's.
+    Live(Box<Live>),
     /// Two recorded hands.
     Recorded(Box<[RecordedHand; 2]>),
 }
 
-/// The surgeon, the hands it leads, and what they felt last.
-pub struct BuiltIn {
+/// The surgeon, both hands, and what they felt last.
+pub struct Live {
     surgeon: BuiltInSurgeon,
-    hands: [SimulatedHand; 2],
+    hands: [Hand; 2],
     felt: [Wrench; 2],
     seen: [Pose; 2],
+    /// A device of the user's has failed, and all stands still until it is back.
+    is_paused: bool,
+}
+
+enum Hand {
+    Simulated(SimulatedHand),
+    Operated(OperatedDevice),
+}
+
+/// Opens the physical devices that a scenario names, and narrows the tools' limits and couplings to what they bear. Says what each is and
+/// what it cannot show.
+///
+/// # Errors
+/// A device that is not there, by the key that names it.
+pub fn open_devices(scenario: &mut Scenario) -> Result<([Option<LinkedDevice>; 2], Vec<String>)> {
+    let bindings = [0, 1].map(|i| scenario.tool[i].device.clone());
+    let allow_network = scenario
+        .tool
+        .iter()
+        .all(|t| t.allow_network || !matches!(t.device, Binding::Remote(_)));
+    let devices = osteotome_devices::open(&bindings, allow_network);
+    let mut devices = match devices {
+        Ok(devices) => devices.into_iter(),
+        Err(error) => bail!("tool.device: {error}"),
+    };
+    let devices = [0, 1].map(|_| devices.next().flatten());
+    let mut notes = Vec::new();
+    for (device, tool) in devices.iter().zip(&mut scenario.tool) {
+        let Some(device) = device else { continue };
+        let s = device.specification();
+        notes.push(format!("{}: {} ({})", tool.name, tool.device, s.model));
+        notes.extend(cannot_show(device, tool));
+        let narrow = |own: &mut f64, most: f64| {
+            if most > 0.0 {
+                *own = own.min(most);
+            }
+        };
+        narrow(&mut tool.limits.force, s.max_force);
+        narrow(&mut tool.limits.torque, s.max_torque);
+        let stiffest = s.nominal_stiffness.unwrap_or(0.0);
+        narrow(&mut tool.coupling.linear_stiffness, stiffest);
+    }
+    Ok((devices, notes))
+}
+
+fn cannot_show(device: &LinkedDevice, tool: &Tool) -> Option<String> {
+    let s = device.specification();
+    let what = if s.max_force == 0.0 {
+        "shows neither force nor torque"
+    } else if s.max_torque > 0.0 {
+        return None;
+    } else if tool.workspace.torque_lever.is_some() {
+        "shows torque across the shaft as a force; twist about the shaft cannot be felt"
+    } else {
+        "shows no torque; workspace.torque_lever = 50.0 would show that across the shaft as a force"
+    };
+    Some(format!("{}: this device {what}.", tool.name))
+}
+
+fn workspace(w: &Workspace, start: Pose) -> osteotome_devices::Workspace {
+    let turn = |deg: [f64; 3]| {
+        let [x, y, z] = deg.map(f64::to_radians);
+        UnitQuaternion::from_euler_angles(x, y, z)
+    };
+    osteotome_devices::Workspace {
+        start,
+        scale: w.scale,
+        rotation: turn(w.rotation_deg),
+        handle: turn(w.handle_deg),
+        is_mirrored: w.mirrored,
+        clutch: w.clutch_button,
+        torque_lever: w.torque_lever,
+    }
 }
 
 impl Input {
-    /// The built-in surgeon, hands at rest where it starts.
+    /// The built-in surgeon's hands, but for those whose device is the user's; at rest where the surgeon starts.
     ///
     /// # Errors
     /// A hand with parameters out of range (checked with the scenario already).
-    pub fn built_in(scenario: &Scenario, line: SplitLine) -> Result<Self> {
+    pub fn live(
+        scenario: &Scenario,
+        line: SplitLine,
+        devices: [Option<LinkedDevice>; 2],
+    ) -> Result<Self> {
         let surgeon = BuiltInSurgeon::new(scenario, line);
         let start = surgeon.targets();
         let dt = scenario.loops.dt();
-        let hand = |i: usize| SimulatedHand::new(scenario.tool[i].hand_parameters(), start[i], dt);
-        Ok(Self::BuiltIn(Box::new(BuiltIn {
-            hands: [hand(0)?, hand(1)?],
+        let hand = |i: usize, device: Option<LinkedDevice>| -> Result<Hand> {
+            let tool = &scenario.tool[i];
+            let Some(device) = device else {
+                let parameters = tool.hand_parameters();
+                return Ok(Hand::Simulated(SimulatedHand::new(
+                    parameters, start[i], dt,
+                )?));
+            };
+            let workspace = workspace(&tool.workspace, start[i]);
+            let operated = OperatedDevice::new(Box::new(device), workspace, dt);
+            Ok(Hand::Operated(operated))
+        };
+        let [left, right] = devices;
+        Ok(Self::Live(Box::new(Live {
+            hands: [hand(0, left)?, hand(1, right)?],
             surgeon,
             felt: [Wrench::default(); 2],
             seen: start,
+            is_paused: false,
         })))
+    }
+
+    /// Both hands the surgeon's.
+    ///
+    /// # Errors
+    /// As [`live`](Self::live).
+    pub fn built_in(scenario: &Scenario, line: SplitLine) -> Result<Self> {
+        Self::live(scenario, line, [None, None])
     }
 
     /// Hands that repeat a recording.
@@ -65,10 +167,14 @@ impl Input {
 
     /// Lets the hands' owner look at the crack and the moving line, and decide.
     pub fn plan(&mut self, crack: &CrackView, line: &[Vec3]) {
-        if let Self::BuiltIn(b) = self {
-            let tools = &b.seen;
-            b.surgeon.step(&Sight { crack, tools, line }, &b.felt);
-            for (hand, target) in b.hands.iter_mut().zip(b.surgeon.targets()) {
+        let Self::Live(live) = self else { return };
+        if live.is_paused || live.is_users() {
+            return;
+        }
+        let tools = &live.seen;
+        live.surgeon.step(&Sight { crack, tools, line }, &live.felt);
+        for (hand, target) in live.hands.iter_mut().zip(live.surgeon.targets()) {
+            if let Hand::Simulated(hand) = hand {
                 hand.follow(target);
             }
         }
@@ -77,36 +183,241 @@ impl Input {
     /// Reads both devices, left first.
     pub fn read(&mut self) -> [Reading; 2] {
         match self {
-            Self::BuiltIn(b) => b.hands.each_mut().map(HapticDevice::read),
+            Self::Live(live) => live.read(),
             Self::Recorded(hands) => hands.each_mut().map(HapticDevice::read),
         }
     }
 
-    /// Displays both wrenches and shows the chisels; says how many devices reported a fault (and displayed zero).
+    /// Displays both wrenches and shows the chisels; says how many wrenches were refused for not being finite.
     pub fn write(&mut self, wrenches: &[Wrench; 2], tools: &[Pose; 2]) -> u32 {
         match self {
-            Self::BuiltIn(b) => {
-                b.felt = *wrenches;
-                b.seen = *tools;
-                write_all(&mut b.hands, wrenches)
+            Self::Live(live) => live.write(wrenches, tools),
+            Self::Recorded(hands) => {
+                let refused = hands
+                    .iter_mut()
+                    .zip(wrenches)
+                    .map(|(h, w)| h.write(w).is_err());
+                refused.map(u32::from).sum()
             }
-            Self::Recorded(hands) => write_all(hands.as_mut(), wrenches),
         }
     }
 
-    /// Whether nothing more will come.
+    /// Whether nothing more will come. A user goes on to the end of the scenario's time.
     pub fn is_finished(&self) -> bool {
         match self {
-            Self::BuiltIn(b) => b.surgeon.is_done(),
+            Self::Live(live) => !live.is_users() && live.surgeon.is_done(),
             Self::Recorded(hands) => hands.iter().all(|h| h.n_left() == 0),
         }
     }
+
+    /// Pauses and resumptions so far.
+    pub fn events(&self) -> Vec<String> {
+        let Self::Live(live) = self else {
+            return Vec::new();
+        };
+        let of = |(name, hand): (&str, &Hand)| {
+            let events = match hand {
+                Hand::Operated(device) => device.events(),
+                Hand::Simulated(_) => &[],
+            };
+            let told = events.iter().map(|e| match e.fault {
+                Some(fault) => format!("paused at {:.3} s: the {name} device: {fault}", e.time),
+                None => format!("the {name} device is back at {:.3} s", e.time),
+            });
+            told.collect::<Vec<_>>()
+        };
+        ["left", "right"]
+            .into_iter()
+            .zip(&live.hands)
+            .flat_map(of)
+            .collect()
+    }
 }
 
-fn write_all<D: HapticDevice>(devices: &mut [D; 2], wrenches: &[Wrench; 2]) -> u32 {
-    let faults = devices
-        .iter_mut()
-        .zip(wrenches)
-        .map(|(d, w)| u32::from(d.write(w).is_err()));
-    faults.sum()
+impl Live {
+    fn is_users(&self) -> bool {
+        self.hands.iter().all(|h| matches!(h, Hand::Operated(_)))
+    }
+
+    fn read(&mut self) -> [Reading; 2] {
+        self.is_paused = false;
+        for hand in &mut self.hands {
+            if let Hand::Operated(device) = hand {
+                device.poll();
+                self.is_paused |= device.fault().is_some();
+            }
+        }
+        let is_paused = self.is_paused;
+        self.hands.each_mut().map(|hand| match hand {
+            Hand::Simulated(hand) => hand.read(),
+            Hand::Operated(device) => device.follow(is_paused),
+        })
+    }
+
+    fn write(&mut self, wrenches: &[Wrench; 2], tools: &[Pose; 2]) -> u32 {
+        self.felt = *wrenches;
+        self.seen = *tools;
+        let mut refused = 0;
+        for (hand, wrench) in self.hands.iter_mut().zip(wrenches) {
+            refused += u32::from(!wrench.is_finite());
+            // Other faults are polled with the next reading; the device displays zero meanwhile.
+            let _ = match hand {
+                Hand::Operated(device) => device.write(wrench),
+                Hand::Simulated(hand) if !self.is_paused => hand.write(wrench),
+                Hand::Simulated(_) => Ok(()),
+            };
+        }
+        refused
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::{BSSO_RIGHT, Source, load};
+    use crate::surgeon::Mark;
+    use osteotome_devices::remote;
+    use std::net::UdpSocket;
+    use std::time::{Duration, Instant};
+
+    fn scenario(set: &str) -> Scenario {
+        let source = Source::Text {
+            name: "test".into(),
+            text: BSSO_RIGHT.into(),
+        };
+        load(&source, &[set.parse().unwrap()], std::path::Path::new("/")).unwrap()
+    }
+
+    fn line() -> SplitLine {
+        let mark = |i| Mark {
+            at: Vec3::new(f64::from(i), 0.0, 0.0),
+            toward: -Vec3::z(),
+            depth: 4.0,
+            is_ridge: i <= 30,
+        };
+        SplitLine::new((0..=40).map(mark).collect()).unwrap()
+    }
+
+    fn crack() -> CrackView {
+        CrackView {
+            generation: 0,
+            severed: false,
+            front: vec![],
+        }
+    }
+
+    /// As docs/remote-hand.md has it: at `x`, upright.
+    fn packet(sequence: u32, x: f64) -> Vec<u8> {
+        let mut bytes = b"OSTH\x01\0\x01\0\x07\0\0\0".to_vec();
+        bytes.extend(sequence.to_le_bytes());
+        bytes.extend([0; 8]);
+        for number in [
+            x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        ] {
+            bytes.extend(f64::to_le_bytes(number));
+        }
+        bytes.extend([0; 8]);
+        bytes
+    }
+
+    struct Stage {
+        input: Input,
+        client: UdpSocket,
+        sequence: u32,
+    }
+
+    impl Stage {
+        /// The left hand is a client's, the right the surgeon's.
+        fn new() -> Self {
+            let hand = remote::listen("127.0.0.1:0".parse().unwrap(), false).unwrap();
+            let client = UdpSocket::bind("127.0.0.1:0").unwrap();
+            client.connect(hand.address).unwrap();
+            let devices = [Some(hand.device), None];
+            let input = Input::live(&scenario("seed=1"), line(), devices).unwrap();
+            Self {
+                input,
+                client,
+                sequence: 0,
+            }
+        }
+
+        /// One tick with the client at `x`, or silent.
+        fn tick(&mut self, x: Option<f64>) -> [Pose; 2] {
+            if let Some(x) = x {
+                self.sequence += 1;
+                self.client.send(&packet(self.sequence, x)).unwrap();
+            }
+            std::thread::sleep(Duration::from_millis(1));
+            self.input.plan(&crack(), &[]);
+            let poses = self.input.read().map(|r| r.pose);
+            self.input.write(&[Wrench::default(); 2], &poses);
+            poses
+        }
+
+        fn until(
+            &mut self,
+            what: &str,
+            x: Option<f64>,
+            mut is_so: impl FnMut(&[Pose; 2], &[Pose; 2]) -> bool,
+        ) {
+            let start = Instant::now();
+            let mut before = self.tick(x);
+            loop {
+                let poses = self.tick(x);
+                if is_so(&before, &poses) {
+                    return;
+                }
+                assert!(
+                    start.elapsed() < Duration::from_secs(60),
+                    "still not: {what}"
+                );
+                before = poses;
+            }
+        }
+    }
+
+    #[test]
+    fn a_hand_that_fails_stops_both_and_both_go_on_from_there() {
+        let mut stage = Stage::new();
+        let start = stage.tick(None);
+        for _ in 0..20 {
+            assert_eq!(stage.tick(None), start, "nobody is there: all stands");
+        }
+        stage.until("the surgeon's hand moves", Some(0.0), |a, b| a[1] != b[1]);
+        stage.until("the user's hand moves", Some(3.0), |_, b| {
+            (b[0].translation.x - start[0].translation.x - 3.0).abs() < 1e-9
+        });
+        stage.until("silence stops both", None, |a, b| a == b);
+        let stood = stage.tick(None);
+        assert_eq!(stage.tick(None), stood);
+        stage.until("both go on", Some(50.0), |a, b| a[1] != b[1]);
+        let x = stage.tick(Some(50.0))[0].translation.x;
+        assert!((x - stood[0].translation.x).abs() < 1e-9, "no jump");
+        let events = stage.input.events();
+        assert!(
+            events
+                .first()
+                .unwrap()
+                .contains("the left device: no new reading"),
+            "{events:?}"
+        );
+        assert!(events.iter().any(|e| e.contains("is back")), "{events:?}");
+        assert!(!stage.input.is_finished());
+    }
+
+    #[test]
+    fn only_what_is_not_simulated_is_opened_and_limits_are_narrowed() {
+        let mut plain = scenario("seed=1");
+        let (devices, notes) = open_devices(&mut plain).unwrap();
+        assert!(devices.iter().all(Option::is_none) && notes.is_empty());
+        let mut remote = scenario("tool.0.device=\"remote:0\"");
+        remote.tool[0].limits.force = 100.0;
+        let (devices, notes) = open_devices(&mut remote).unwrap();
+        assert!(devices[0].is_some() && devices[1].is_none());
+        assert_eq!(remote.tool[0].limits.force, 8.5);
+        assert!(notes[0].contains("left: remote:127.0.0.1:0"), "{notes:?}");
+        let mut open = scenario("tool.0.device=\"remote:0.0.0.0:0\"");
+        let refusal = open_devices(&mut open).err().unwrap().to_string();
+        assert!(refusal.contains("allow_network"), "{refusal}");
+    }
 }

@@ -154,7 +154,13 @@ impl<H: HapticPart> HapticLoop<H> {
                 self.faults
             )
         });
-        self.part.fault().into_iter().chain(refused).collect()
+        let paused = self.input.events();
+        self.part
+            .fault()
+            .into_iter()
+            .chain(refused)
+            .chain(paused)
+            .collect()
     }
 
     fn is_finished(&self) -> bool {

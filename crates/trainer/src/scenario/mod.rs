@@ -8,6 +8,7 @@ mod read;
 pub use overrides::Override;
 pub use read::{Source, explain, load, parse_toml, plain};
 
+use osteotome_devices::Binding;
 use osteotome_mechanics::bone::EngineeringConstants;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -297,7 +298,13 @@ pub struct Tool {
     pub chisel: Chisel,
     /// Which device.
     #[serde(default)]
-    pub device: Device,
+    pub device: Binding,
+    /// Lets a `remote` device be led from other machines.
+    #[serde(default)]
+    pub allow_network: bool,
+    /// How the device's workspace lies in the world; no meaning for a simulated hand.
+    #[serde(default)]
+    pub workspace: Workspace,
     /// Displayed force = bone force x scale.
     #[serde(default = "default_force_scale")]
     pub force_scale: f64,
@@ -329,7 +336,9 @@ impl Tool {
         Self {
             name: name.to_owned(),
             chisel: Chisel::default(),
-            device: Device::default(),
+            device: Binding::default(),
+            allow_network: false,
+            workspace: Workspace::default(),
             force_scale: default_force_scale(),
             torque_scale: default_torque_scale(),
             limits: Limits::default(),
@@ -364,13 +373,38 @@ impl Default for Chisel {
     }
 }
 
-/// Devices by name.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Device {
-    /// A simulated hand.
-    #[default]
-    Simulated,
+/// How a device's workspace lies in the world. Its frame is x to the user's right, y away, z up; untouched, that is the
+/// world's as seen by somebody who faces the patient. The tool starts where the built-in surgeon's does.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Workspace {
+    /// World mm a device mm.
+    pub scale: f64,
+    /// Turns the device's frame: about x, then y, then z \[deg\].
+    pub rotation_deg: [f64; 3],
+    /// Turns the chisel within the handle, likewise; untouched, it lies as the built-in surgeon's does \[deg\].
+    pub handle_deg: [f64; 3],
+    /// Swaps left and right.
+    pub mirrored: bool,
+    /// The button (0 the first) that lets the chisel stand while it is held down.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clutch_button: Option<u8>,
+    /// A device without torque shows the torque across the chisel's shaft as a force at this lever \[mm\].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub torque_lever: Option<f64>,
+}
+
+impl Default for Workspace {
+    fn default() -> Self {
+        Self {
+            scale: 1.0,
+            rotation_deg: [0.0; 3],
+            handle_deg: [0.0; 3],
+            mirrored: false,
+            clutch_button: None,
+            torque_lever: None,
+        }
+    }
 }
 
 /// The most a device displays; defaults: Phantom Premium 1.5/6DOF.

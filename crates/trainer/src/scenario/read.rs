@@ -1,5 +1,5 @@
 use super::overrides::{Override, resolve_paths};
-use super::{Material, Scenario};
+use super::{Material, Scenario, Workspace};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use std::path::{Path, PathBuf};
 use toml::Table;
@@ -328,6 +328,7 @@ impl<P: Fn(&str) -> String> Checks<'_, P> {
             ] {
                 self.range(&format!("tool.{i}.chisel.{key}"), value, least, most)?;
             }
+            self.workspace(&format!("tool.{i}.workspace"), &t.workspace)?;
             osteotome_devices::SimulatedHand::new(
                 t.hand_parameters(),
                 osteotome_devices::Pose::identity(),
@@ -337,6 +338,22 @@ impl<P: Fn(&str) -> String> Checks<'_, P> {
             .with_context(|| (self.place)(&format!("tool.{i}")))?;
         }
         Ok(())
+    }
+
+    fn workspace(&self, key: &str, w: &Workspace) -> Result<()> {
+        self.range(&format!("{key}.scale"), w.scale, 0.05, 20.0)?;
+        for (name, angles) in [
+            ("rotation_deg", w.rotation_deg),
+            ("handle_deg", w.handle_deg),
+        ] {
+            for angle in angles {
+                self.range(&format!("{key}.{name}"), angle, -360.0, 360.0)?;
+            }
+        }
+        let button = f64::from(w.clutch_button.unwrap_or(0));
+        self.range(&format!("{key}.clutch_button"), button, 0.0, 31.0)?;
+        let lever = w.torque_lever.unwrap_or(10.0);
+        self.range(&format!("{key}.torque_lever"), lever, 10.0, 500.0)
     }
 
     fn surgeon(&self, s: &Scenario) -> Result<()> {
@@ -469,6 +486,14 @@ mod tests {
         check_error(&["tool.0.hand.mass=0"], &["tool.0", "hand.mass is 0"]);
         check_error(&["mesh.nodes=\"many\""], &["mesh.nodes", "invalid type"]);
         check_error(&["tool.0.name=\"top\""], &["tool", "top", "\"left\" first"]);
+        check_error(
+            &["tool.1.device=\"phantom\""],
+            &["--set tool.1.device", "\"phantom\"", "openhaptics[:SERIAL]"],
+        );
+        check_error(
+            &["tool.0.workspace={scale=0}"],
+            &["tool.0.workspace.scale", "0 is out of range"],
+        );
         check_error(&["osteotomy={kerf=1.0}"], &["osteotomy.side", "missing"]);
     }
 
