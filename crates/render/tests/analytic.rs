@@ -218,7 +218,7 @@ fn look(scene: &Scene, camera: &Camera) -> Frame {
 
 fn check(
     name: &str,
-    meshes: Vec<(Kind, Shape)>,
+    meshes: &[(Kind, Shape)],
     cut_from: u32,
     oracle: &Oracle,
     eye: [f32; 3],
@@ -323,7 +323,7 @@ fn sphere_minus_prism() {
     let meshes = vec![(Kind::Bone, sphere(20.0, 5)), (Kind::Kerf, slit())];
     check(
         "sphere minus prism",
-        meshes,
+        &meshes,
         1,
         &oracle,
         [17.0, -52.0, 41.0],
@@ -350,7 +350,7 @@ fn nested_shells() {
     ];
     check(
         "nested shells",
-        meshes,
+        &meshes,
         4,
         &oracle,
         [6.0, -30.0, 62.0],
@@ -382,7 +382,7 @@ fn a_bent_crack() {
     let meshes = vec![(Kind::Bone, sphere(20.0, 5)), (Kind::Gap, crack)];
     check(
         "bent crack",
-        meshes,
+        &meshes,
         1,
         &oracle,
         [12.0, -38.0, 58.0],
@@ -402,7 +402,7 @@ fn camera_inside_the_bone_and_inside_the_slit() {
     let meshes = || vec![(Kind::Bone, sphere(20.0, 5)), (Kind::Kerf, slit())];
     check(
         "inside the bone",
-        meshes(),
+        &meshes(),
         1,
         &oracle,
         [-9.0, -2.0, 4.0],
@@ -410,7 +410,7 @@ fn camera_inside_the_bone_and_inside_the_slit() {
     );
     check(
         "inside the slit",
-        meshes(),
+        &meshes(),
         1,
         &oracle,
         [0.5, -6.0, 9.0],

@@ -1,9 +1,9 @@
 use super::{
-    HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart, Sink, view,
+    BONE_EVERY, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart, Sink, view,
 };
 use crate::input::Input;
 use crate::scenario::Scenario;
-use crate::session::{Loop, StepTime};
+use crate::session::{BoneSample, Loop, StepTime};
 use anyhow::Result;
 use std::time::Instant;
 
@@ -31,6 +31,7 @@ pub fn lockstep<H: HapticPart, M: MainPart, P: PropagationPart>(
     sink.growth(start)?;
     let mut haptic = HapticLoop::new(haptic, input, scenario);
     let mut time = 0.0;
+    let mut n_main = 0usize;
     while !haptic.is_finished() {
         for _ in 0..scenario.loops.haptic_per_main() {
             if haptic.is_finished() {
@@ -51,6 +52,12 @@ pub fn lockstep<H: HapticPart, M: MainPart, P: PropagationPart>(
         let (mut sample, step_us) = timed(|| main.step());
         sample.time = time;
         sink.main(&sample)?;
+        if n_main.is_multiple_of(BONE_EVERY)
+            && let Some(bone) = main.bone()
+        {
+            sink.bone(&BoneSample { time, ..bone })?;
+        }
+        n_main += 1;
         sink.timing(
             &StepTime {
                 time,

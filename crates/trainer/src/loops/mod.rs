@@ -9,7 +9,7 @@ pub use realtime::realtime;
 
 use crate::input::Input;
 use crate::scenario::Scenario;
-use crate::session::{GrowthSample, HandSample, HapticSample, Loop, MainSample, Pace, StepTime};
+use crate::session::{BoneSample, GrowthSample, HandSample, HapticSample, Loop, MainSample, Pace, StepTime};
 use crate::surgeon::CrackView;
 use anyhow::Result;
 use osteotome_devices::Wrench;
@@ -42,6 +42,10 @@ pub trait HapticPart: Send {
 pub trait MainPart: Send {
     /// One step.
     fn step(&mut self) -> MainSample;
+    /// The bone as the last step left it.
+    fn bone(&self) -> Option<BoneSample> {
+        None
+    }
     /// Why it has stopped, if it has.
     fn fault(&self) -> Option<String> {
         None
@@ -87,6 +91,10 @@ pub trait Sink {
     fn haptic(&mut self, sample: &HapticSample) -> Result<()>;
     /// A main step.
     fn main(&mut self, sample: &MainSample) -> Result<()>;
+    /// How the bone is deformed; whoever does not keep it need not take it.
+    fn bone(&mut self, _: &BoneSample) -> Result<()> {
+        Ok(())
+    }
     /// A growth step.
     fn growth(&mut self, sample: GrowthSample) -> Result<()>;
     /// How long a step took.
@@ -96,6 +104,9 @@ pub trait Sink {
     /// A loop's pace, at the end.
     fn pace(&mut self, of: Loop, pace: Pace);
 }
+
+/// The bone is recorded after every so many main steps: at 50 Hz, 12.5 times a second.
+const BONE_EVERY: usize = 4;
 
 /// Told how far the simulated time has come \[s\], and whether the bone is apart.
 pub type Progress<'a> = &'a mut dyn FnMut(f64, bool);
@@ -237,6 +248,9 @@ mod tests {
                 area: 6.0 * self.generation as f64,
                 fragments: 1 + usize::from(self.generation >= 40),
                 severed: self.generation >= 40,
+                sheets: vec![],
+                cut: vec![],
+                seats: vec![],
                 tips: tips.collect(),
             }
         }
