@@ -5,6 +5,8 @@ mod engine;
 mod fracture;
 mod input;
 mod loops;
+mod picture;
+mod render_command;
 mod scenario;
 mod session;
 mod surgeon;

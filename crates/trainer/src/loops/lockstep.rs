@@ -1,5 +1,6 @@
 use super::{
-    BONE_EVERY, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart, Sink, view,
+    BONE_EVERY, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart,
+    Sink, view,
 };
 use crate::input::Input;
 use crate::scenario::Scenario;

@@ -9,7 +9,9 @@ pub use realtime::realtime;
 
 use crate::input::Input;
 use crate::scenario::Scenario;
-use crate::session::{BoneSample, GrowthSample, HandSample, HapticSample, Loop, MainSample, Pace, StepTime};
+use crate::session::{
+    BoneSample, GrowthSample, HandSample, HapticSample, Loop, MainSample, Pace, StepTime,
+};
 use crate::surgeon::CrackView;
 use anyhow::Result;
 use osteotome_devices::Wrench;

@@ -1,8 +1,8 @@
 use super::exchange::{Looked, RingIn, RingsOut, Shared, Timed, latest, rings};
 use super::lockstep::timed;
 use super::{
-    BONE_EVERY, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart, Published,
-    Sink, Subscribed, view,
+    BONE_EVERY, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart,
+    Published, Sink, Subscribed, view,
 };
 use crate::input::Input;
 use crate::scenario::Scenario;

@@ -1,5 +1,7 @@
 //! `session.mcap`: JSON channels with schemas, chunked, zstd.
-use super::sample::{BoneSample, GrowthSample, HandSample, HapticSample, MainSample, StepTime, Wire};
+use super::sample::{
+    BoneSample, GrowthSample, HandSample, HapticSample, MainSample, StepTime, Wire,
+};
 use anyhow::{Context, Result, bail};
 use mcap::records::MessageHeader;
 use osteotome_mechanics::geometry::Pose;
