@@ -65,7 +65,7 @@ fn barycentric([a, b, c]: [V3; 3], p: V3) -> V3 {
 
 /// Lights, fixed to the eye so that every view is lit alike: (right, up, towards the eye), colour.
 const LIGHTS: [(V3, V3); 3] = [
-    ([-0.45, 0.65, 0.62], [1.75, 1.70, 1.60]),
+    ([-0.45, 0.65, 0.62], [1.45, 1.41, 1.33]),
     ([0.85, -0.05, 0.50], [0.34, 0.38, 0.46]),
     ([0.30, 0.75, -0.60], [0.50, 0.52, 0.56]),
 ];
@@ -94,7 +94,7 @@ pub fn shade(s: &Surface, raster: &Raster, open: f32) -> V3 {
         let [right, up, forward] = camera.axes;
         let to_light: V3 = std::array::from_fn(|k| r * right[k] + u * up[k] - t * forward[k]);
         let lit = dot(normal, to_light).max(0.0) * reached;
-        diffuse = add(diffuse, scale(color, 0.62 * lit));
+        diffuse = add(diffuse, scale(color, 0.60 * lit));
         let half = unit(add(to_light, towards));
         let peak = dot(normal, half).max(0.0).powf(sharpness);
         let strength = s.material.gloss * (0.15 + 0.02 * sharpness) * peak * reached;

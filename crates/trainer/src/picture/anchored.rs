@@ -1,6 +1,7 @@
 //! Vertices that move with the bone's cells: the paper's geometric mapping (section 4.1) for what is drawn.
-use osteotome_mechanics::crack::{Cell, CrackedBody};
-use osteotome_mechanics::geometry::Vec3;
+use osteotome_mechanics::crack::{Cell, CrackedBody, Sheet, cut_area};
+use osteotome_mechanics::geometry::{TriMesh, Vec3};
+use std::collections::HashMap;
 
 /// A point's place in the bone: its cell (tetrahedron and side) and the shape functions there.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,4 +67,97 @@ pub fn are_joined(body: &CrackedBody, a: u32, b: u32) -> bool {
     let [ca, cb] = [a, b].map(|c| &body.topology.cells()[c as usize]);
     let [na, nb] = [ca, cb].map(|c| body.solid.mesh.tets()[c.tet as usize]);
     (0..4).all(|i| (0..4).all(|j| na[i] != nb[j] || ca.enrichment[i] == cb.enrichment[j]))
+}
+
+/// Which side of the crack a point is on, as pictures show it.
+///
+/// Mechanics goes by cut edges, and within a tetrahedron by the polygon between their crossing points. That is off the saw's cut
+/// by up to a kerf's width: where a tetrahedron is in two parts along the saw's cut, the saw's own surface decides here, so that
+/// slit and lips fit without flakes between them.
+pub struct Sides<'a> {
+    body: &'a CrackedBody,
+    sawn: Vec<Sheet>,
+    /// For each tetrahedron the sheet along which it is sawn in two.
+    slit: HashMap<u32, usize>,
+}
+
+/// A polygon this near to the saw's cut \[element sizes\] and as parallel to it (cosine) is that cut's.
+const SAME_PLACE: f64 = 0.35;
+const SAME_WAY: f64 = 0.85;
+
+impl<'a> Sides<'a> {
+    /// Of this bone.
+    pub fn new(body: &'a CrackedBody) -> Self {
+        let sawn = body.crack.sheets.iter().map(|s| Sheet {
+            mesh: sawn_part(s),
+            kerf: s.kerf.clone(),
+            ..Sheet::default()
+        });
+        let mut sides = Self {
+            body,
+            sawn: sawn.collect(),
+            slit: HashMap::new(),
+        };
+        for cells in body.topology.cells().chunk_by(|a, b| a.tet == b.tet) {
+            if let [cell, _] = cells
+                && let Some(sheet) = sides.sheet_of(cell)
+            {
+                sides.slit.insert(cell.tet, sheet);
+            }
+        }
+        sides
+    }
+
+    fn sheet_of(&self, cell: &Cell) -> Option<usize> {
+        let s = &self.body.solid;
+        let (centre, area) = cut_area(&s.mesh, &self.body.cuts, cell);
+        let normal = area.try_normalize(1e-12)?;
+        let is_that = |sheet: &Sheet| {
+            let (distance, t, _) = sheet.closest(&centre)?;
+            let way = sheet.mesh.area_normal(t).try_normalize(1e-12)?;
+            let fits = distance < SAME_PLACE * s.lengths.h && way.dot(&normal).abs() > SAME_WAY;
+            fits.then_some(distance)
+        };
+        let fitting = self
+            .sawn
+            .iter()
+            .enumerate()
+            .filter_map(|(i, s)| Some((i, is_that(s)?)));
+        fitting.min_by(|a, b| a.1.total_cmp(&b.1)).map(|f| f.0)
+    }
+
+    /// The nearest point of the saw's cut along which `tet` is in two, if it is near.
+    pub fn on_slit(&self, tet: u32, p: &Vec3) -> Option<Vec3> {
+        let sheet = &self.sawn[*self.slit.get(&tet)?];
+        let (distance, t, w) = sheet.closest(p)?;
+        let corners = sheet.mesh.corners(t);
+        let is_near = distance < SAME_PLACE * self.body.solid.lengths.h;
+        is_near.then(|| (0..3).map(|k| corners[k] * w[k]).sum())
+    }
+
+    /// The cell of a point.
+    pub fn cell_at(&self, p: &Vec3, tet: u32, weights: &[f64; 4]) -> u32 {
+        let topology = &self.body.topology;
+        if let Some(foot) = self.on_slit(tet, p)
+            && (p - foot).norm() > 1e-9
+        {
+            return topology.cell_towards(&self.body.solid.mesh, tet, &foot, &(p - foot));
+        }
+        topology.cell_at(tet, weights)
+    }
+}
+
+/// The triangles of a sheet that the saw made, over all its vertices.
+pub fn sawn_part(sheet: &Sheet) -> TriMesh {
+    let is_sawn = |t: &&[u32; 3]| t.iter().all(|v| sheet.kerf[*v as usize] > 0.0);
+    TriMesh {
+        vertices: sheet.mesh.vertices.clone(),
+        triangles: sheet
+            .mesh
+            .triangles
+            .iter()
+            .filter(is_sawn)
+            .copied()
+            .collect(),
+    }
 }

@@ -4,7 +4,7 @@
 //! continued to the line of the crack. The parts are cut off here, along lines that only depend on the mesh edge, so that
 //! neighbours fit; seams between the two lips keep the surface closed for the winding counts. Only triangles at the crack are
 //! touched, only when it grows, and neither simulation mesh nor shell knows of it.
-use super::anchored::{Anchor, Skin, are_joined, tet_at};
+use super::anchored::{Anchor, Sides, Skin, are_joined, tet_at};
 use osteotome_mechanics::crack::CrackedBody;
 use osteotome_mechanics::geometry::{TriMesh, Vec3};
 use std::collections::HashMap;
@@ -40,6 +40,7 @@ const HALVINGS: usize = 14;
 
 struct Slitter<'a> {
     body: &'a CrackedBody,
+    sides: Sides<'a>,
     surface: &'a TriMesh,
     out: BoneSkin,
     /// For each edge, lower vertex first: the two lips, the lower vertex's first; none where the edge is whole.
@@ -60,6 +61,7 @@ pub fn bone_skin(body: &CrackedBody, surface: &TriMesh, places: &Places) -> Bone
     }
     let mut slitter = Slitter {
         body,
+        sides: Sides::new(body),
         surface,
         out: BoneSkin::default(),
         lips: HashMap::new(),
@@ -67,7 +69,7 @@ pub fn bone_skin(body: &CrackedBody, surface: &TriMesh, places: &Places) -> Bone
     };
     for (p, (tet, weights)) in surface.vertices.iter().zip(&places.tets) {
         let anchor = Anchor {
-            cell: body.topology.cell_at(*tet, weights),
+            cell: slitter.sides.cell_at(p, *tet, weights),
             weights: *weights,
         };
         slitter.out.skin.push(anchor, p);
@@ -190,7 +192,7 @@ impl Slitter<'_> {
 
     fn cell_at(&self, p: &Vec3) -> u32 {
         let (tet, weights) = tet_at(self.body, p);
-        self.body.topology.cell_at(tet, &weights)
+        self.sides.cell_at(p, tet, &weights)
     }
 
     fn anchor_in(&self, cell: u32, p: &Vec3) -> Anchor {

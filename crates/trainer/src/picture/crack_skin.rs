@@ -4,7 +4,7 @@
 //! along which mechanics has parted the bone (the cut polygons of its tetrahedra), each moved by its own side's cells. There the
 //! displacement jumps, so both volumes fit the slit surface exactly, also where mechanics runs ahead of the explicit front and
 //! where a last ligament tore. Borders are closed.
-use super::anchored::{Anchor, Skin, tet_at};
+use super::anchored::{Anchor, Sides, Skin, sawn_part, tet_at};
 use osteotome_mechanics::crack::{Cell, CrackedBody, Sheet};
 use osteotome_mechanics::geometry::{NO_TET, SignedDistance, TET_EDGES, TET_FACES, TriMesh, Vec3};
 use std::collections::{BTreeMap, HashMap};
@@ -13,17 +13,7 @@ use std::collections::{BTreeMap, HashMap};
 pub fn kerf_skin(body: &CrackedBody) -> Skin {
     let mut skin = Skin::default();
     for sheet in &body.crack.sheets {
-        let in_slit = |t: &&[u32; 3]| is_sawn(sheet, t);
-        let sawn = TriMesh {
-            vertices: sheet.mesh.vertices.clone(),
-            triangles: sheet
-                .mesh
-                .triangles
-                .iter()
-                .filter(in_slit)
-                .copied()
-                .collect(),
-        };
+        let sawn = sawn_part(sheet);
         let normals = normals(&sawn);
         let first = skin.anchors.len() as u32;
         let n = sawn.vertices.len() as u32;
@@ -89,6 +79,8 @@ pub struct GapSkin {
     pub sawn: Vec<[u32; 3]>,
     /// Triangles that close the border.
     pub walls: Vec<[u32; 3]>,
+    /// Of each piece, the two cells and its undeformed area vector \[mm2\], which looks from the first to the second.
+    pub pieces: Vec<([u32; 2], Vec3)>,
 }
 
 /// A point of the parting surface: on a cut edge, on a face between cut edges, in the middle of a tetrahedron; and the same led
@@ -113,8 +105,10 @@ struct Piece {
 
 struct Parting<'a> {
     body: &'a CrackedBody,
+    sides: Sides<'a>,
     /// Undeformed positions, and the way out of the bone from there.
     at: BTreeMap<Base, Vec3>,
+    on_slit: HashMap<Base, Option<Vec3>>,
     way_out: HashMap<Base, Vec3>,
     pieces: Vec<Piece>,
     out: GapSkin,
@@ -125,7 +119,9 @@ struct Parting<'a> {
 pub fn gap_skin(body: &CrackedBody, region: &dyn SignedDistance) -> GapSkin {
     let mut parting = Parting {
         body,
+        sides: Sides::new(body),
         at: BTreeMap::new(),
+        on_slit: HashMap::new(),
         way_out: HashMap::new(),
         pieces: Vec::new(),
         out: GapSkin::default(),
@@ -136,6 +132,7 @@ pub fn gap_skin(body: &CrackedBody, region: &dyn SignedDistance) -> GapSkin {
             parting.divide(t);
         }
     }
+    parting.seat();
     parting.lead_out(region);
     parting.emit();
     parting.out
@@ -163,8 +160,8 @@ impl Parting<'_> {
         let crossing = |l: &usize| body.cuts.crossing_point(mesh, edges[*l]);
         let middle = |list: &[usize]| list.iter().map(crossing).sum::<Vec3>() / list.len() as f64;
         let centre = middle(&parted);
-        let is_sawn = self.is_in_slit(&centre);
-        self.at.insert(Base::Tet(t), centre);
+        let is_sawn = self.sides.on_slit(t, &centre).is_some();
+        self.put(t, Base::Tet(t), centre);
         for &l in &parted {
             let [a, b] = TET_EDGES[l];
             let mut rest = (0..4).filter(|k| *k != a && *k != b);
@@ -187,11 +184,11 @@ impl Parting<'_> {
                 };
                 let mask = on_face.iter().fold(0, |m, l| m | 1 << opposite(l));
                 let base = Base::Face(ids, mask);
-                self.at.insert(base, middle(&on_face));
+                self.put(t, base, middle(&on_face));
                 base
             };
             let (fc, fd) = (face(c), face(d));
-            self.at.insert(Base::Edge(edges[l]), crossing(&l));
+            self.put(t, Base::Edge(edges[l]), crossing(&l));
             let points = [Base::Edge(edges[l]), fc, Base::Tet(t), fd].map(|p| (p, false));
             self.pieces.push(Piece {
                 cells: [cells[a], cells[b]],
@@ -201,14 +198,21 @@ impl Parting<'_> {
         }
     }
 
-    fn is_in_slit(&self, p: &Vec3) -> bool {
-        let nearest = |s: &Sheet| {
-            let (distance, t, _) = s.closest(p)?;
-            Some((distance, is_sawn(s, &s.mesh.triangles[t])))
-        };
-        let sheets = self.body.crack.sheets.iter().filter_map(nearest);
-        let best = sheets.min_by(|a, b| a.0.total_cmp(&b.0));
-        best.is_some_and(|(distance, sawn)| sawn && distance < 0.3 * self.body.solid.lengths.h)
+    /// Places a point, and notes where the saw's cut has it, if all its tetrahedra agree.
+    fn put(&mut self, tet: u32, base: Base, p: Vec3) {
+        self.at.entry(base).or_insert(p);
+        let foot = self.sides.on_slit(tet, &p);
+        let noted = self.on_slit.entry(base).or_insert(foot);
+        *noted = noted.filter(|a| foot.is_some_and(|b| (a - b).norm() < 1e-6));
+    }
+
+    /// Moves points onto the saw's cut, so that no flake stays between them.
+    fn seat(&mut self) {
+        for (base, foot) in &self.on_slit {
+            if let (Some(p), Some(foot)) = (self.at.get_mut(base), foot) {
+                *p = *foot;
+            }
+        }
     }
 
     /// Border edges of the parting surface, as their piece runs through them.
@@ -279,6 +283,13 @@ impl Parting<'_> {
                 let (cell, points) = (piece.cells[side], piece.points);
                 points.map(|p| self.vertex(p, cell))
             });
+            let (piece, [p, q, r, s]) = (
+                &self.pieces[i],
+                b.map(|v| Vec3::from(self.out.skin.rest[v as usize].map(f64::from))),
+            );
+            self.out
+                .pieces
+                .push((piece.cells, 0.5 * (r - p).cross(&(s - q))));
             let faces = [
                 [b[0], b[1], b[2]],
                 [b[0], b[2], b[3]],

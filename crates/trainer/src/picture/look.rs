@@ -11,7 +11,7 @@ const fn material(color: [f32; 3], opacity: f32, gloss: f32, texture: Texture) -
 }
 
 /// The bone's surface.
-pub const CORTICAL: Material = material([0.74, 0.63, 0.46], 0.13, 0.28, Texture::Cortical);
+pub const CORTICAL: Material = material([0.70, 0.59, 0.43], 0.19, 0.28, Texture::Cortical);
 /// Walls of the saw's slit.
 pub const SAWN: Material = material([0.80, 0.50, 0.36], 0.20, 0.10, Texture::Sawn);
 /// Faces along which the bone broke.
@@ -19,7 +19,7 @@ pub const BROKEN: Material = material([0.66, 0.21, 0.13], 0.22, 0.05, Texture::B
 /// The crack in a transparent bone.
 pub const CRACK: Material = material([0.85, 0.03, 0.03], 0.80, 0.0, Texture::Signal);
 /// Crowns.
-pub const TOOTH: Material = material([0.84, 0.81, 0.72], 0.55, 0.75, Texture::Plain);
+pub const TOOTH: Material = material([0.72, 0.69, 0.60], 0.55, 0.75, Texture::Plain);
 /// Blades.
 pub const STEEL: Material = material([0.78, 0.80, 0.83], 1.0, 0.8, Texture::Steel);
 /// Handles.

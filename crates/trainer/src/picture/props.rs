@@ -138,8 +138,8 @@ fn perpendicular(v: &Vec3) -> Vec3 {
 const ARROW: [f64; 3] = [0.22, 4.0, 45.0];
 /// Angle of a torque's arc a newton millimetre \[rad/(N mm)\], and the least and most \[rad\].
 const ARC: [f64; 3] = [4.5e-4, 0.35, 5.2];
-const SHAFT: f64 = 0.65;
-const HEAD: [f64; 2] = [1.7, 5.0];
+const SHAFT: f64 = 0.5;
+const HEAD: [f64; 2] = [1.4, 4.2];
 
 /// The load of one hand on the bone \[N, N mm\]: an arrow that pushes on the blade's edge, and an arc about the blade. None
 /// where there is hardly any.
@@ -167,7 +167,7 @@ pub fn load(material: Material, pose: &Pose, force: &Vec3, torque: &Vec3) -> Vec
 
 /// Around the blade, where it is seen above the bone.
 fn arc(material: Material, pose: &Pose, torque: &Vec3) -> Prop {
-    const RADIUS: f64 = 8.5;
+    const RADIUS: f64 = 7.0;
     const BACK: f64 = 27.0;
     let centre = pose * nalgebra::Point3::new(0.0, 0.0, -BACK);
     let axis = torque.normalize();

@@ -10,6 +10,8 @@ struct Scene {
     file: &'static str,
     title: &'static str,
     time: f64,
+    /// How far fragments are taken apart to be seen \[mm\].
+    apart: f64,
     view: View,
 }
 
@@ -30,7 +32,7 @@ pub fn write_pictures(
     let scenes = scenes(stage);
     let n = 2 * scenes.len();
     for (k, scene) in scenes.iter().enumerate() {
-        let moment = stage.at(scene.time)?;
+        let moment = stage.taken_apart(scene.time, scene.apart)?;
         let camera = stage.camera(scene.view, SIZE[0] as f64 / SIZE[1] as f64);
         for (j, is_transparent) in [false, true].into_iter().enumerate() {
             let finish = Finish {
@@ -64,6 +66,7 @@ fn scenes(stage: &Stage) -> Vec<Scene> {
         file: "1_before",
         title: "BEFORE",
         time: 0.0,
+        apart: 0.0,
         view: View::Close,
     }];
     let mut push = |file, title, time: Option<f64>, view| {
@@ -71,6 +74,7 @@ fn scenes(stage: &Stage) -> Vec<Scene> {
             file,
             title,
             time,
+            apart: 0.0,
             view,
         }));
     };
@@ -86,7 +90,17 @@ fn scenes(stage: &Stage) -> Vec<Scene> {
         broken.and_then(|g| shown(g.generation)),
         View::Close,
     );
-    let title = if broken.is_some() { "AFTER" } else { "END" };
-    push("4_after", title, Some(end), View::Close);
+    // Bone springs back once the blades are out: taken apart, the fragments are seen.
+    let (title, apart) = match broken {
+        Some(_) => ("AFTER, FRAGMENTS MOVED 10 mm APART", 10.0),
+        None => ("END", 0.0),
+    };
+    scenes.push(Scene {
+        file: "4_after",
+        title,
+        time: end,
+        apart,
+        view: View::Procedure,
+    });
     scenes
 }

@@ -105,11 +105,23 @@ impl<'a> Stage<'a> {
         view.camera(self.prepared, aspect)
     }
 
+    /// As [`at`](Self::at), with all fragments but the largest moved `apart` \[mm\] along the mean normal of their broken faces.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn taken_apart(&mut self, time: f64, apart: f64) -> Result<Moment> {
+        self.scene_at(time, apart)
+    }
+
     /// The scene at `time` \[s\], or at the session's nearest end: hands of that step, the bone as last recorded before.
     ///
     /// # Errors
     /// A recording that does not fit the bone.
     pub fn at(&mut self, time: f64) -> Result<Moment> {
+        self.scene_at(time, 0.0)
+    }
+
+    fn scene_at(&mut self, time: f64, apart: f64) -> Result<Moment> {
         let bones = &self.recording.bone;
         let k = bones.partition_point(|b| b.time <= time + 1e-9);
         let bone = &bones[k.saturating_sub(1)];
@@ -130,7 +142,11 @@ impl<'a> Stage<'a> {
             .as_ref()
             .map(|s| &s.1)
             .context("no bone to show")?;
-        let mut props = skins.props(&moved_cells(body, &x));
+        let mut moved = moved_cells(body, &x);
+        if apart > 0.0 {
+            take_apart(body, &skins.gap, apart, &mut moved);
+        }
+        let mut props = skins.props(&moved);
         let growth = &self.recording.growth;
         let scenario = &self.recording.scenario.scenario;
         let step = (time / scenario.loops.dt()).round().max(0.0) as usize;
@@ -166,6 +182,29 @@ impl<'a> Stage<'a> {
         };
         self.skins = Some((generation, skins));
         Ok(())
+    }
+}
+
+/// Moves the cells of all fragments but the largest away from what they broke off.
+fn take_apart(body: &CrackedBody, gap: &GapSkin, apart: f64, moved: &mut [[Vec3; 4]]) {
+    let cells = body.topology.cells();
+    let fragment = |c: usize| {
+        let own = (0..4).find(|k| cells[c].mask >> k & 1 == 1).unwrap_or(0);
+        let node = body.solid.mesh.tets()[cells[c].tet as usize][own];
+        body.fragments.of_node[node as usize] as usize
+    };
+    let mut away = vec![Vec3::zeros(); body.fragments.volume_share.len()];
+    for ([a, b], normal) in &gap.pieces {
+        let [a, b] = [*a, *b].map(|c| fragment(c as usize));
+        if a != b {
+            away[b] += normal;
+            away[a] -= normal;
+        }
+    }
+    away[0] = Vec3::zeros();
+    for (c, nodes) in moved.iter_mut().enumerate() {
+        let way = away[fragment(c)].try_normalize(1e-9).unwrap_or_default() * apart;
+        nodes.iter_mut().for_each(|p| *p += way);
     }
 }
 
