@@ -123,6 +123,9 @@ pub struct RenderArgs {
     /// Looks through the bone: the crack in red, the canal of the slit, whatever lies behind
     #[arg(long)]
     pub transparent: bool,
+    /// Takes fragments apart by so many mm, to look between them
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = apart)]
+    pub apart: f64,
     /// For two eyes
     #[arg(long, value_enum, value_name = "MODE")]
     pub stereo: Option<StereoMode>,
@@ -135,6 +138,12 @@ pub struct RenderArgs {
     /// A film of the whole session, through ffmpeg
     #[arg(long, value_name = "FILE.mp4", conflicts_with_all = ["at", "output"])]
     pub video: Option<PathBuf>,
+}
+
+/// 0 to 100 mm.
+fn apart(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|mm| (0.0..=100.0).contains(mm));
+    number.ok_or_else(|| "give a distance of 0 to 100 mm".to_owned())
 }
 
 /// 16 to 4096 pixels each way.

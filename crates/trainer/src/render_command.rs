@@ -56,7 +56,7 @@ fn picture(stage: &mut Stage, args: &RenderArgs) -> Result<()> {
     let (Some(at), Some(path)) = (args.at, &args.output) else {
         bail!("--at and -o go together");
     };
-    let moment = stage.at(at)?;
+    let moment = stage.at(at, args.apart)?;
     let camera = stage.camera(args.view, args.size[0] as f64 / args.size[1] as f64);
     write_png(path, &finish(args).print(&moment, &camera, ""))?;
     talk::say(&format!("Picture: {}", path.display()));
@@ -69,7 +69,7 @@ fn shoot(stage: &mut Stage, args: &RenderArgs, mut film: Video, seconds: f64) ->
     let mut bar = Progress::new("Filming", n);
     for k in 0..n {
         let time = k as f64 / f64::from(Video::RATE);
-        let moment = stage.at(time.min(seconds))?;
+        let moment = stage.at(time.min(seconds), args.apart)?;
         film.push(&finish(args).print(&moment, &camera, ""))?;
         bar.set(k + 1, format!("{time:.1} s"));
     }

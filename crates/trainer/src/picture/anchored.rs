@@ -61,12 +61,19 @@ pub fn tet_at(body: &CrackedBody, p: &Vec3) -> (u32, [f64; 4]) {
     found.unwrap_or_else(|| (0, s.mesh.barycentric(0, p)))
 }
 
-/// Whether the bone does not part between two cells: at every node of both they move alike. Cells with no common node are taken
-/// to hang together.
+/// Whether the bone does not part between two cells: they are of one fragment, and at every node of both they move alike.
 pub fn are_joined(body: &CrackedBody, a: u32, b: u32) -> bool {
     let [ca, cb] = [a, b].map(|c| &body.topology.cells()[c as usize]);
     let [na, nb] = [ca, cb].map(|c| body.solid.mesh.tets()[c.tet as usize]);
-    (0..4).all(|i| (0..4).all(|j| na[i] != nb[j] || ca.enrichment[i] == cb.enrichment[j]))
+    piece_of(body, a) == piece_of(body, b)
+        && (0..4).all(|i| (0..4).all(|j| na[i] != nb[j] || ca.enrichment[i] == cb.enrichment[j]))
+}
+
+/// The fragment that a cell is of.
+pub fn piece_of(body: &CrackedBody, cell: u32) -> u32 {
+    let cell = &body.topology.cells()[cell as usize];
+    let own = (0..4).find(|k| cell.mask >> k & 1 == 1).unwrap_or(0);
+    body.fragments.of_node[body.solid.mesh.tets()[cell.tet as usize][own] as usize]
 }
 
 /// Which side of the crack a point is on, as pictures show it.

@@ -157,31 +157,29 @@ impl Slitter<'_> {
         }
         let [pa, pb] = [a, b].map(|v| self.surface.vertices[v as usize]);
         let at = |s: f64| pa + (pb - pa) * s;
-        let mut low = (0.0, ca);
-        for k in 1..=LOOKS {
-            let s = k as f64 / LOOKS as f64;
-            let next = (s, if k == LOOKS { cb } else { self.cell_at(&at(s)) });
-            if are_joined(self.body, low.1, next.1) {
-                low = next;
-                continue;
+        let share = |k: usize| k as f64 / LOOKS as f64;
+        let mut cells = vec![ca];
+        cells.extend((1..LOOKS).map(|k| self.cell_at(&at(share(k)))));
+        cells.push(cb);
+        let parts = |k: &usize| !are_joined(self.body, cells[*k], cells[k + 1]);
+        let first = (0..LOOKS).find(parts)?;
+        let last = (0..LOOKS).rfind(parts)?;
+        // Of a third piece in between nothing is shown.
+        let (mut low, mut high) = ((share(first), cells[first]), share(first + 1));
+        for _ in 0..HALVINGS {
+            let s = 0.5 * (low.0 + high);
+            let cell = self.cell_at(&at(s));
+            if are_joined(self.body, low.1, cell) {
+                low = (s, cell);
+            } else {
+                high = s;
             }
-            let mut high = next;
-            for _ in 0..HALVINGS {
-                let s = 0.5 * (low.0 + high.0);
-                let middle = (s, self.cell_at(&at(s)));
-                if are_joined(self.body, low.1, middle.1) {
-                    low = middle;
-                } else {
-                    high = middle;
-                }
-            }
-            let p = at(0.5 * (low.0 + high.0));
-            return Some([low.1, high.1].map(|cell| {
-                let anchor = self.anchor_in(cell, &p);
-                self.out.skin.push(anchor, &p)
-            }));
         }
-        None
+        let p = at(0.5 * (low.0 + high));
+        Some([low.1, cells[last + 1]].map(|cell| {
+            let anchor = self.anchor_in(cell, &p);
+            self.out.skin.push(anchor, &p)
+        }))
     }
 
     fn is_near_crack(&self, cell: u32) -> bool {

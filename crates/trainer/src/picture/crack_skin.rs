@@ -88,8 +88,8 @@ pub struct GapSkin {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 enum Base {
     Edge(u32),
-    /// The face's nodes, and which of its edges part there.
-    Face([u32; 3], u8),
+    /// By its nodes, ascending.
+    Face([u32; 3]),
     Tet(u32),
 }
 
@@ -172,20 +172,16 @@ impl Parting<'_> {
                 (d, c)
             };
             let mut face = |e: usize| {
-                let corners = [a, b, e];
-                let on_face: Vec<usize> = (parted.iter().copied())
-                    .filter(|l| TET_EDGES[*l].iter().all(|k| corners.contains(k)))
-                    .collect();
-                let mut ids = corners.map(|k| nodes[k]);
+                let mut ids = [a, b, e].map(|k| nodes[k]);
                 ids.sort_unstable();
-                let opposite = |l: &usize| {
-                    let off = corners.iter().find(|k| !TET_EDGES[*l].contains(k));
-                    off.map_or(0, |k| ids.iter().position(|n| *n == nodes[*k]).unwrap_or(0))
+                // All cut edges of the face, so that the tetrahedron behind it finds the same middle.
+                let on_face = |l: &usize| {
+                    TET_EDGES[*l].iter().all(|k| [a, b, e].contains(k))
+                        && body.cuts.is_cut(edges[*l])
                 };
-                let mask = on_face.iter().fold(0, |m, l| m | 1 << opposite(l));
-                let base = Base::Face(ids, mask);
-                self.put(t, base, middle(&on_face));
-                base
+                let cut: Vec<usize> = (0..6).filter(on_face).collect();
+                self.put(t, Base::Face(ids), middle(&cut));
+                Base::Face(ids)
             };
             let (fc, fd) = (face(c), face(d));
             self.put(t, Base::Edge(edges[l]), crossing(&l));
@@ -330,7 +326,7 @@ impl Parting<'_> {
                 let [a, b] = mesh.edges()[e as usize];
                 [jump(a), jump(b), 0, 0]
             }
-            Base::Face([a, b, c], _) => [jump(a), jump(b), jump(c), 0],
+            Base::Face([a, b, c]) => [jump(a), jump(b), jump(c), 0],
             Base::Tet(_) => [cell, 0, 0, 1],
         };
         if let Some(known) = self.vertices.get(&(point, key)) {
@@ -401,7 +397,7 @@ fn holes<'a>(triangles: impl Iterator<Item = &'a [u32; 3]>) -> Vec<Vec<u32>> {
 
 /// Outward normal of the boundary face of `tet` that a face's middle lies on.
 fn boundary_normal(body: &CrackedBody, tet: u32, base: Base) -> Option<Vec3> {
-    let Base::Face(ids, _) = base else {
+    let Base::Face(ids) = base else {
         return None;
     };
     let mesh = &body.solid.mesh;

@@ -32,7 +32,7 @@ pub fn write_pictures(
     let scenes = scenes(stage);
     let n = 2 * scenes.len();
     for (k, scene) in scenes.iter().enumerate() {
-        let moment = stage.taken_apart(scene.time, scene.apart)?;
+        let moment = stage.at(scene.time, scene.apart)?;
         let camera = stage.camera(scene.view, SIZE[0] as f64 / SIZE[1] as f64);
         for (j, is_transparent) in [false, true].into_iter().enumerate() {
             let finish = Finish {

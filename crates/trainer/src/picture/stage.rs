@@ -1,5 +1,5 @@
 //! The scene at any time of a session.
-use super::anchored::{Anchor, Skin, moved_cells, tet_at};
+use super::anchored::{Anchor, Skin, moved_cells, piece_of, tet_at};
 use super::bone_skin::{BoneSkin, Places, bone_skin};
 use super::crack_skin::{GapSkin, broken_sheets, gap_skin, kerf_skin};
 use super::props::{Prop, chisel, load};
@@ -105,23 +105,12 @@ impl<'a> Stage<'a> {
         view.camera(self.prepared, aspect)
     }
 
-    /// As [`at`](Self::at), with all fragments but the largest moved `apart` \[mm\] along the mean normal of their broken faces.
-    ///
-    /// # Errors
-    /// As there.
-    pub fn taken_apart(&mut self, time: f64, apart: f64) -> Result<Moment> {
-        self.scene_at(time, apart)
-    }
-
-    /// The scene at `time` \[s\], or at the session's nearest end: hands of that step, the bone as last recorded before.
+    /// The scene at `time` \[s\], or at the session's nearest end: hands of that step, the bone as last recorded before. All
+    /// fragments but the largest are moved `apart` \[mm\] along the mean normal of their broken faces.
     ///
     /// # Errors
     /// A recording that does not fit the bone.
-    pub fn at(&mut self, time: f64) -> Result<Moment> {
-        self.scene_at(time, 0.0)
-    }
-
-    fn scene_at(&mut self, time: f64, apart: f64) -> Result<Moment> {
+    pub fn at(&mut self, time: f64, apart: f64) -> Result<Moment> {
         let bones = &self.recording.bone;
         let k = bones.partition_point(|b| b.time <= time + 1e-9);
         let bone = &bones[k.saturating_sub(1)];
@@ -187,12 +176,7 @@ impl<'a> Stage<'a> {
 
 /// Moves the cells of all fragments but the largest away from what they broke off.
 fn take_apart(body: &CrackedBody, gap: &GapSkin, apart: f64, moved: &mut [[Vec3; 4]]) {
-    let cells = body.topology.cells();
-    let fragment = |c: usize| {
-        let own = (0..4).find(|k| cells[c].mask >> k & 1 == 1).unwrap_or(0);
-        let node = body.solid.mesh.tets()[cells[c].tet as usize][own];
-        body.fragments.of_node[node as usize] as usize
-    };
+    let fragment = |c: usize| piece_of(body, c as u32) as usize;
     let mut away = vec![Vec3::zeros(); body.fragments.volume_share.len()];
     for ([a, b], normal) in &gap.pieces {
         let [a, b] = [*a, *b].map(|c| fragment(c as usize));
