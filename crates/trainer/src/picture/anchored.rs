@@ -76,23 +76,20 @@ pub fn piece_of(body: &CrackedBody, cell: u32) -> u32 {
     body.fragments.of_node[body.solid.mesh.tets()[cell.tet as usize][own] as usize]
 }
 
-/// Which side of the crack a point is on, as pictures show it.
-///
-/// Mechanics goes by cut edges, and within a tetrahedron by the polygon between their crossing points. That is off the saw's cut
-/// by up to a kerf's width: where a tetrahedron is in two parts along the saw's cut, the saw's own surface decides here, so that
-/// slit and lips fit without flakes between them.
-pub struct Sides<'a> {
+/// The saw's cuts as mechanics follows them: cut polygons are off the saw's own surface by up to a kerf's width, and pictures
+/// show flakes there unless both are brought together.
+pub struct SawCuts<'a> {
     body: &'a CrackedBody,
     sawn: Vec<Sheet>,
     /// For each tetrahedron the sheet along which it is sawn in two.
-    slit: HashMap<u32, usize>,
+    sheet_of: HashMap<u32, usize>,
 }
 
 /// A polygon this near to the saw's cut \[element sizes\] and as parallel to it (cosine) is that cut's.
 const SAME_PLACE: f64 = 0.35;
 const SAME_WAY: f64 = 0.85;
 
-impl<'a> Sides<'a> {
+impl<'a> SawCuts<'a> {
     /// Of this bone.
     pub fn new(body: &'a CrackedBody) -> Self {
         let sawn = body.crack.sheets.iter().map(|s| Sheet {
@@ -100,22 +97,22 @@ impl<'a> Sides<'a> {
             kerf: s.kerf.clone(),
             ..Sheet::default()
         });
-        let mut sides = Self {
+        let mut cuts = Self {
             body,
             sawn: sawn.collect(),
-            slit: HashMap::new(),
+            sheet_of: HashMap::new(),
         };
         for cells in body.topology.cells().chunk_by(|a, b| a.tet == b.tet) {
             if let [cell, _] = cells
-                && let Some(sheet) = sides.sheet_of(cell)
+                && let Some(sheet) = cuts.find_sheet(cell)
             {
-                sides.slit.insert(cell.tet, sheet);
+                cuts.sheet_of.insert(cell.tet, sheet);
             }
         }
-        sides
+        cuts
     }
 
-    fn sheet_of(&self, cell: &Cell) -> Option<usize> {
+    fn find_sheet(&self, cell: &Cell) -> Option<usize> {
         let s = &self.body.solid;
         let (centre, area) = cut_area(&s.mesh, &self.body.cuts, cell);
         let normal = area.try_normalize(1e-12)?;
@@ -134,23 +131,12 @@ impl<'a> Sides<'a> {
     }
 
     /// The nearest point of the saw's cut along which `tet` is in two, if it is near.
-    pub fn on_slit(&self, tet: u32, p: &Vec3) -> Option<Vec3> {
-        let sheet = &self.sawn[*self.slit.get(&tet)?];
+    pub fn nearest(&self, tet: u32, p: &Vec3) -> Option<Vec3> {
+        let sheet = &self.sawn[*self.sheet_of.get(&tet)?];
         let (distance, t, w) = sheet.closest(p)?;
         let corners = sheet.mesh.corners(t);
         let is_near = distance < SAME_PLACE * self.body.solid.lengths.h;
         is_near.then(|| (0..3).map(|k| corners[k] * w[k]).sum())
-    }
-
-    /// The cell of a point.
-    pub fn cell_at(&self, p: &Vec3, tet: u32, weights: &[f64; 4]) -> u32 {
-        let topology = &self.body.topology;
-        if let Some(foot) = self.on_slit(tet, p)
-            && (p - foot).norm() > 1e-9
-        {
-            return topology.cell_towards(&self.body.solid.mesh, tet, &foot, &(p - foot));
-        }
-        topology.cell_at(tet, weights)
     }
 }
 

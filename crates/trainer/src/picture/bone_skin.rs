@@ -4,9 +4,10 @@
 //! continued to the line of the crack. The parts are cut off here, along lines that only depend on the mesh edge, so that
 //! neighbours fit; seams between the two lips keep the surface closed for the winding counts. Only triangles at the crack are
 //! touched, only when it grows, and neither simulation mesh nor shell knows of it.
-use super::anchored::{Anchor, Sides, Skin, are_joined, tet_at};
+use super::anchored::{Anchor, Skin, are_joined, tet_at};
+use super::crack_skin::GapSkin;
 use osteotome_mechanics::crack::CrackedBody;
-use osteotome_mechanics::geometry::{TriMesh, Vec3};
+use osteotome_mechanics::geometry::{TriMesh, Vec3, segment_crosses};
 use std::collections::HashMap;
 
 /// The surface with its slits.
@@ -49,8 +50,13 @@ struct Slitter<'a> {
     near_crack: Vec<bool>,
 }
 
-/// The surface of a cracked body.
-pub fn bone_skin(body: &CrackedBody, surface: &TriMesh, places: &Places) -> BoneSkin {
+/// The surface of a cracked body, slit along the parting surface of `gap`.
+pub fn bone_skin(
+    body: &CrackedBody,
+    surface: &TriMesh,
+    places: &Places,
+    gap: &GapSkin,
+) -> BoneSkin {
     let mesh = &body.solid.mesh;
     let mut near_crack = vec![false; mesh.nodes().len()];
     for cell in body.topology.cells() {
@@ -61,7 +67,7 @@ pub fn bone_skin(body: &CrackedBody, surface: &TriMesh, places: &Places) -> Bone
     }
     let mut slitter = Slitter {
         body,
-        sides: Sides::new(body),
+        sides: Sides::new(body, gap),
         surface,
         out: BoneSkin::default(),
         lips: HashMap::new(),
@@ -199,5 +205,62 @@ impl Slitter<'_> {
             cell,
             weights: self.body.solid.mesh.barycentric(tet as usize, p),
         }
+    }
+}
+
+/// Which side of the parting surface a point is on.
+///
+/// Within a tetrahedron mechanics goes by a plane, or by the nearest corner; what is drawn goes by the parting surface itself, so
+/// that lips and walls fit also where three pieces meet.
+struct Sides<'a> {
+    body: &'a CrackedBody,
+    /// For each divided tetrahedron the parting surface in it and around it.
+    around: HashMap<u32, Vec<[Vec3; 3]>>,
+}
+
+impl<'a> Sides<'a> {
+    fn new(body: &'a CrackedBody, gap: &GapSkin) -> Self {
+        let mesh = &body.solid.mesh;
+        let around = gap.parting.keys().map(|&t| {
+            let nodes = mesh.tets()[t as usize];
+            let mut near: Vec<u32> = nodes
+                .iter()
+                .flat_map(|n| mesh.tets_of_node(*n as usize))
+                .copied()
+                .collect();
+            near.sort_unstable();
+            near.dedup();
+            let triangles = near
+                .iter()
+                .filter_map(|t| gap.parting.get(t))
+                .flatten()
+                .copied();
+            (t, triangles.collect())
+        });
+        Self {
+            around: around.collect(),
+            body,
+        }
+    }
+
+    /// The cell of a point of a tetrahedron: that of a node that can be reached from it without crossing the surface.
+    fn cell_at(&self, p: &Vec3, tet: u32, weights: &[f64; 4]) -> u32 {
+        let topology = &self.body.topology;
+        let Some(surface) = self.around.get(&tet) else {
+            return topology.cell_at(tet, weights);
+        };
+        let corners = self.body.solid.mesh.corners(tet as usize);
+        let is_free = |k: &usize| {
+            !surface
+                .iter()
+                .any(|t| segment_crosses(p, &corners[*k], t).is_some())
+        };
+        let holds = |k: usize| {
+            topology
+                .cells_of(tet)
+                .find(|c| topology.cells()[*c].mask >> k & 1 == 1)
+        };
+        let reached = (0..4).find(is_free).and_then(holds);
+        reached.map_or_else(|| topology.cell_at(tet, weights), |c| c as u32)
     }
 }

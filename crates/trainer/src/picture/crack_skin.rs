@@ -4,7 +4,7 @@
 //! along which mechanics has parted the bone (the cut polygons of its tetrahedra), each moved by its own side's cells. There the
 //! displacement jumps, so both volumes fit the slit surface exactly, also where mechanics runs ahead of the explicit front and
 //! where a last ligament tore. Borders are closed.
-use super::anchored::{Anchor, Sides, Skin, sawn_part, tet_at};
+use super::anchored::{Anchor, SawCuts, Skin, sawn_part, tet_at};
 use osteotome_mechanics::crack::{Cell, CrackedBody, Sheet};
 use osteotome_mechanics::geometry::{NO_TET, SignedDistance, TET_EDGES, TET_FACES, TriMesh, Vec3};
 use std::collections::{BTreeMap, HashMap};
@@ -81,6 +81,8 @@ pub struct GapSkin {
     pub walls: Vec<[u32; 3]>,
     /// Of each piece, the two cells and its undeformed area vector \[mm2\], which looks from the first to the second.
     pub pieces: Vec<([u32; 2], Vec3)>,
+    /// The undeformed triangles along which each tetrahedron is parted, led on out of the bone.
+    pub parting: HashMap<u32, Vec<[Vec3; 3]>>,
 }
 
 /// A point of the parting surface: on a cut edge, on a face between cut edges, in the middle of a tetrahedron; and the same led
@@ -105,7 +107,7 @@ struct Piece {
 
 struct Parting<'a> {
     body: &'a CrackedBody,
-    sides: Sides<'a>,
+    saw: SawCuts<'a>,
     /// Undeformed positions, and the way out of the bone from there.
     at: BTreeMap<Base, Vec3>,
     on_slit: HashMap<Base, Option<Vec3>>,
@@ -119,7 +121,7 @@ struct Parting<'a> {
 pub fn gap_skin(body: &CrackedBody, region: &dyn SignedDistance) -> GapSkin {
     let mut parting = Parting {
         body,
-        sides: Sides::new(body),
+        saw: SawCuts::new(body),
         at: BTreeMap::new(),
         on_slit: HashMap::new(),
         way_out: HashMap::new(),
@@ -160,7 +162,7 @@ impl Parting<'_> {
         let crossing = |l: &usize| body.cuts.crossing_point(mesh, edges[*l]);
         let middle = |list: &[usize]| list.iter().map(crossing).sum::<Vec3>() / list.len() as f64;
         let centre = middle(&parted);
-        let is_sawn = self.sides.on_slit(t, &centre).is_some();
+        let is_sawn = self.saw.nearest(t, &centre).is_some();
         self.put(t, Base::Tet(t), centre);
         for &l in &parted {
             let [a, b] = TET_EDGES[l];
@@ -197,7 +199,7 @@ impl Parting<'_> {
     /// Places a point, and notes where the saw's cut has it, if all its tetrahedra agree.
     fn put(&mut self, tet: u32, base: Base, p: Vec3) {
         self.at.entry(base).or_insert(p);
-        let foot = self.sides.on_slit(tet, &p);
+        let foot = self.saw.nearest(tet, &p);
         let noted = self.on_slit.entry(base).or_insert(foot);
         *noted = noted.filter(|a| foot.is_some_and(|b| (a - b).norm() < 1e-6));
     }
@@ -279,13 +281,12 @@ impl Parting<'_> {
                 let (cell, points) = (piece.cells[side], piece.points);
                 points.map(|p| self.vertex(p, cell))
             });
-            let (piece, [p, q, r, s]) = (
-                &self.pieces[i],
-                b.map(|v| Vec3::from(self.out.skin.rest[v as usize].map(f64::from))),
-            );
-            self.out
-                .pieces
-                .push((piece.cells, 0.5 * (r - p).cross(&(s - q))));
+            let Piece { cells, .. } = self.pieces[i];
+            let [p, q, r, s] = b.map(|v| Vec3::from(self.out.skin.rest[v as usize].map(f64::from)));
+            self.out.pieces.push((cells, 0.5 * (r - p).cross(&(s - q))));
+            let tet = self.body.topology.cells()[cells[0] as usize].tet;
+            let parting = self.out.parting.entry(tet).or_default();
+            parting.extend([[p, q, r], [p, r, s]]);
             let faces = [
                 [b[0], b[1], b[2]],
                 [b[0], b[2], b[3]],

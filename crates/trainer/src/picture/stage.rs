@@ -162,10 +162,11 @@ impl<'a> Stage<'a> {
         self.restored.go_to(generation, &self.recording.growth)?;
         let body = self.restored.body();
         let patient = &self.prepared.patient;
+        let gap = gap_skin(body, &*self.prepared.bone.body.region.0);
         let skins = Skins {
-            bone: bone_skin(body, &patient.surface, &self.places),
+            bone: bone_skin(body, &patient.surface, &self.places, &gap),
             kerf: kerf_skin(body),
-            gap: gap_skin(body, &*self.prepared.bone.body.region.0),
+            gap,
             broken: broken_sheets(body),
             teeth: teeth(body, self.prepared),
         };
