@@ -79,10 +79,32 @@ pub struct GapSkin {
     pub sawn: Vec<[u32; 3]>,
     /// Triangles that close the border.
     pub walls: Vec<[u32; 3]>,
+    /// For each vertex the one opposite, or itself, and the sum of undeformed area vectors into its own side.
+    pub opposite: Vec<(u32, Vec3)>,
     /// Of each piece, the two cells and its undeformed area vector \[mm2\], which looks from the first to the second.
     pub pieces: Vec<([u32; 2], Vec3)>,
     /// The undeformed triangles along which each tetrahedron is parted, led on out of the bone.
     pub parting: HashMap<u32, Vec<[Vec3; 3]>>,
+}
+
+/// Faces that have moved far against each other have lost this much bone each \[mm\]: crumbs, and the misfit of lips and walls
+/// that would else hang as threads between them. Reached where they have moved by [`WORN`] \[mm\].
+const CRUMBS: f64 = 0.4;
+const WORN: f64 = 2.0;
+
+impl GapSkin {
+    /// Where the vertices are.
+    pub fn positions(&self, moved: &[[Vec3; 4]]) -> Vec<[f32; 3]> {
+        let at = self.skin.positions(moved);
+        let apart = |(p, (other, into)): (&[f32; 3], &(u32, Vec3))| {
+            let p = Vec3::from(p.map(f64::from));
+            let way = p - Vec3::from(at[*other as usize].map(f64::from));
+            let lost = CRUMBS * (way.norm() / WORN).min(1.0);
+            let into = into.try_normalize(1e-12).unwrap_or_default();
+            (p + into * lost).cast::<f32>().into()
+        };
+        at.iter().zip(&self.opposite).map(apart).collect()
+    }
 }
 
 /// A point of the parting surface: on a cut edge, on a face between cut edges, in the middle of a tetrahedron; and the same led
@@ -230,7 +252,7 @@ impl Parting<'_> {
     fn lead_out(&mut self, region: &dyn SignedDistance) {
         let mut ends = Vec::new();
         let mut outward: HashMap<Base, Vec3> = HashMap::new();
-        let mut across: HashMap<Base, Vec3> = HashMap::new();
+        let mut across: HashMap<Base, (Vec3, f64)> = HashMap::new();
         for (i, edge) in self.borders() {
             let piece = &self.pieces[i];
             let tet = self.body.topology.cells()[piece.cells[0] as usize].tet;
@@ -244,13 +266,17 @@ impl Parting<'_> {
             let normal = (b - a).cross(&(c - a)).try_normalize(1e-12);
             for p in edge {
                 *outward.entry(p.0).or_default() += out;
-                *across.entry(p.0).or_default() += normal.unwrap_or_default();
+                let (sum, n) = across.entry(p.0).or_default();
+                *sum += normal.unwrap_or_default();
+                *n += 1.0;
             }
             ends.push((i, edge));
         }
         for (base, out) in outward {
             let out = out.try_normalize(1e-12).unwrap_or_default();
-            let normal = across[&base].try_normalize(1e-12).unwrap_or_default();
+            // In the surface's own plane, unless several meet there.
+            let (sum, n) = across[&base];
+            let normal = sum.try_normalize(0.9 * n).unwrap_or_default();
             let within = (out - normal * out.dot(&normal)).try_normalize(1e-6);
             let direction = within.filter(|d| d.dot(&out) > 0.4).unwrap_or(out);
             let from = self.at[&base];
@@ -258,7 +284,7 @@ impl Parting<'_> {
             // Beyond the true surface, and a little more.
             let reach = (1..=10).map(|k| 0.15 * h * f64::from(k));
             let mut clear = reach.filter(|s| region.signed(&(from + direction * *s)) > 0.05 * h);
-            let length = clear.next().unwrap_or(0.3 * h) + 0.1 * h;
+            let length = (clear.next().unwrap_or(0.3 * h) + 0.1 * h).max(0.4 * h);
             self.way_out.insert(base, direction * length);
         }
         for (i, [p, q]) in ends {
@@ -283,7 +309,15 @@ impl Parting<'_> {
             });
             let Piece { cells, .. } = self.pieces[i];
             let [p, q, r, s] = b.map(|v| Vec3::from(self.out.skin.rest[v as usize].map(f64::from)));
-            self.out.pieces.push((cells, 0.5 * (r - p).cross(&(s - q))));
+            let area = 0.5 * (r - p).cross(&(s - q));
+            self.out.pieces.push((cells, area));
+            for (a, b) in a.into_iter().zip(b).filter(|(a, b)| a != b) {
+                for (v, other, into) in [(a, b, -area), (b, a, area)] {
+                    let (opposite, sum) = &mut self.out.opposite[v as usize];
+                    *opposite = other;
+                    *sum += into;
+                }
+            }
             let tet = self.body.topology.cells()[cells[0] as usize].tet;
             let parting = self.out.parting.entry(tet).or_default();
             parting.extend([[p, q, r], [p, r, s]]);
@@ -342,6 +376,7 @@ impl Parting<'_> {
         let weights = mesh.barycentric(c.tet as usize, &p);
         let vertex = self.out.skin.push(Anchor { cell, weights }, &p);
         self.vertices.insert((point, key), vertex);
+        self.out.opposite.push((vertex, Vec3::zeros()));
         vertex
     }
 

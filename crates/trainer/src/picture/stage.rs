@@ -273,7 +273,7 @@ impl Skins {
             (&kerf, &[]),
         ));
         let gap = &self.gap;
-        let at = gap.skin.positions(moved);
+        let at = gap.positions(moved);
         let faces: Vec<[u32; 3]> = [&gap.skin.triangles[..], &gap.sawn].concat();
         let normals = vertex_normals(&at, &faces);
         props.extend([
