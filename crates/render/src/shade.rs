@@ -150,7 +150,7 @@ fn textured(s: &Surface, towards: V3) -> (V3, V3) {
         Texture::Broken => {
             let pores = smooth(0.10, 0.55, noise(scale(p, 1.35)));
             let coarse = bumped(n, p, 0.8, 0.45, towards);
-            let dark = (1.0 - 0.55 * pores) * (1.0 + 0.12 * noise(scale(p, 0.5)));
+            let dark = (1.0 - 0.42 * pores) * (1.0 + 0.12 * noise(scale(p, 0.5)));
             (scale(color, dark), bumped(coarse, p, 2.3, 0.30, towards))
         }
         Texture::Steel => {

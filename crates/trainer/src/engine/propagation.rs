@@ -61,7 +61,9 @@ impl Propagation {
             triangles.extend(sheet.mesh.triangles.iter().map(|t| t.map(|v| v + first)));
             kerf.extend_from_slice(&sheet.kerf);
         }
-        let (cut, seats) = before.map_or_else(Default::default, |b| cut_since(bone, b));
+        let n_edges = bone.body.mesh.edges().len() as u32;
+        let since = |b| cut_since(&bone.cuts, b, n_edges);
+        let (cut, seats) = before.map_or_else(Default::default, since);
         let front = report.fronts.iter().flatten().filter(|p| p.inside);
         GrowthSample {
             time: 0.0,
@@ -130,13 +132,13 @@ impl PropagationPart for Propagation {
     }
 }
 
-/// Edges cut and nodes seated on the bone beyond those of an earlier generation.
-#[expect(clippy::type_complexity)]
-fn cut_since(bone: &Bone, before: &CutEdges) -> (Vec<(u32, f64)>, Vec<(u32, [f64; 3])>) {
-    let cuts = &bone.cuts;
-    let edges = 0..bone.body.mesh.edges().len() as u32;
+/// Edges with their crossings, and nodes with their seats.
+pub type CutsAndSeats = (Vec<(u32, f64)>, Vec<(u32, [f64; 3])>);
+
+/// What has been cut and seated beyond an earlier generation of a mesh with `n_edges` edges.
+pub fn cut_since(cuts: &CutEdges, before: &CutEdges, n_edges: u32) -> CutsAndSeats {
     let is_new = |e: &u32| cuts.is_cut(*e) && !before.is_cut(*e);
-    let cut = edges.filter(is_new).map(|e| (e, cuts.crossing(e)));
+    let cut = (0..n_edges).filter(is_new).map(|e| (e, cuts.crossing(e)));
     let old: Vec<u32> = before.seats().map(|s| s.0).collect();
     let seats = cuts.seats().filter(|s| old.binary_search(&s.0).is_err());
     (cut.collect(), seats.map(|(n, p)| (n, p.into())).collect())

@@ -15,7 +15,7 @@ pub const CORTICAL: Material = material([0.70, 0.59, 0.43], 0.19, 0.28, Texture:
 /// Walls of the saw's slit.
 pub const SAWN: Material = material([0.80, 0.50, 0.36], 0.20, 0.10, Texture::Sawn);
 /// Faces along which the bone broke.
-pub const BROKEN: Material = material([0.66, 0.21, 0.13], 0.22, 0.05, Texture::Broken);
+pub const BROKEN: Material = material([0.58, 0.22, 0.15], 0.22, 0.05, Texture::Broken);
 /// The crack in a transparent bone.
 pub const CRACK: Material = material([0.85, 0.03, 0.03], 0.80, 0.0, Texture::Signal);
 /// Crowns.

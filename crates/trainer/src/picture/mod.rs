@@ -11,6 +11,8 @@ mod props;
 mod restore;
 mod session_pictures;
 mod stage;
+#[cfg(test)]
+mod tests;
 mod views;
 
 pub use print::{Finish, StereoMode, Video, write_png};

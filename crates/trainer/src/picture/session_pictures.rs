@@ -100,7 +100,7 @@ fn scenes(stage: &Stage) -> Vec<Scene> {
         title,
         time: end,
         apart,
-        view: View::Procedure,
+        view: View::Close,
     });
     scenes
 }
