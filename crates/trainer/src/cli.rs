@@ -129,7 +129,7 @@ pub struct RenderArgs {
     /// For two eyes
     #[arg(long, value_enum, value_name = "MODE")]
     pub stereo: Option<StereoMode>,
-    /// Draws on the processor, graphics card or not
+    /// Draws on the processor (so far the only way: graphics cards are not used yet)
     #[arg(long)]
     pub cpu: bool,
     /// The picture (PNG)

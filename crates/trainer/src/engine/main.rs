@@ -112,6 +112,10 @@ fn moved(bone: &Bone, state: &BoneState, tet: u32) -> Vec3 {
 }
 
 impl MainPart for Main {
+    fn generation(&self) -> u64 {
+        self.state().generation.into()
+    }
+
     fn bone(&self) -> Option<BoneSample> {
         let state = self.state();
         Some(BoneSample {

@@ -1,5 +1,5 @@
 use super::{
-    BONE_EVERY, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart,
+    BoneClock, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart,
     Sink, view,
 };
 use crate::input::Input;
@@ -32,7 +32,7 @@ pub fn lockstep<H: HapticPart, M: MainPart, P: PropagationPart>(
     sink.growth(start)?;
     let mut haptic = HapticLoop::new(haptic, input, scenario);
     let mut time = 0.0;
-    let mut n_main = 0usize;
+    let mut bone_clock = BoneClock::default();
     while !haptic.is_finished() {
         for _ in 0..scenario.loops.haptic_per_main() {
             if haptic.is_finished() {
@@ -53,12 +53,11 @@ pub fn lockstep<H: HapticPart, M: MainPart, P: PropagationPart>(
         let (mut sample, step_us) = timed(|| main.step());
         sample.time = time;
         sink.main(&sample)?;
-        if n_main.is_multiple_of(BONE_EVERY)
+        if bone_clock.is_due(main.generation())
             && let Some(bone) = main.bone()
         {
             sink.bone(&BoneSample { time, ..bone })?;
         }
-        n_main += 1;
         sink.timing(
             &StepTime {
                 time,

@@ -44,6 +44,10 @@ pub trait HapticPart: Send {
 pub trait MainPart: Send {
     /// One step.
     fn step(&mut self) -> MainSample;
+    /// The generation of the bone that the last step worked on.
+    fn generation(&self) -> u64 {
+        0
+    }
     /// The bone as the last step left it.
     fn bone(&self) -> Option<BoneSample> {
         None
@@ -107,8 +111,26 @@ pub trait Sink {
     fn pace(&mut self, of: Loop, pace: Pace);
 }
 
-/// The bone is recorded after every so many main steps: at 50 Hz, 12.5 times a second.
-const BONE_EVERY: usize = 4;
+/// Says when the bone is to be recorded: after every fourth main step (at 50 Hz, 12.5 times a second), and whenever it has grown
+/// a new crack.
+#[derive(Default)]
+struct BoneClock {
+    since: u32,
+    generation: Option<u64>,
+}
+
+impl BoneClock {
+    fn is_due(&mut self, generation: u64) -> bool {
+        const EVERY: u32 = 4;
+        self.since += 1;
+        let is_due = self.since >= EVERY || self.generation != Some(generation);
+        if is_due {
+            self.since = 0;
+            self.generation = Some(generation);
+        }
+        is_due
+    }
+}
 
 /// Told how far the simulated time has come \[s\], and whether the bone is apart.
 pub type Progress<'a> = &'a mut dyn FnMut(f64, bool);

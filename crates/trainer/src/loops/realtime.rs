@@ -1,7 +1,7 @@
 use super::exchange::{Looked, RingIn, RingsOut, Shared, Timed, latest, rings};
 use super::lockstep::timed;
 use super::{
-    BONE_EVERY, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart,
+    BoneClock, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart,
     Published, Sink, Subscribed, view,
 };
 use crate::input::Input;
@@ -192,18 +192,17 @@ fn main_loop<M: MainPart>(
 ) -> (M, Account) {
     let _stop = StopOnDrop(shared);
     let mut pacer = Pacer::new(period);
-    let mut n_steps = 0usize;
+    let mut bone_clock = BoneClock::default();
     while !shared.is_stopping() {
         let (mut sample, step_us) = timed(|| part.step());
         let time = shared.steps() as f64 * dt;
         sample.time = time;
         ring.put(Timed { sample, step_us });
-        if n_steps.is_multiple_of(BONE_EVERY)
+        if bone_clock.is_due(part.generation())
             && let Some(bone) = part.bone()
         {
             bones.put(BoneSample { time, ..bone });
         }
-        n_steps += 1;
         pacer.wait();
     }
     let account = Account {

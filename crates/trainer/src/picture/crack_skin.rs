@@ -4,7 +4,7 @@
 //! along which mechanics has parted the bone (the cut polygons of its tetrahedra), each moved by its own side's cells. There the
 //! displacement jumps, so both volumes fit the slit surface exactly, also where mechanics runs ahead of the explicit front and
 //! where a last ligament tore. Borders are closed.
-use super::anchored::{Anchor, SawCuts, Skin, sawn_part, tet_at};
+use super::anchored::{Anchor, SawCuts, Skin, piece_of, sawn_part, tet_at};
 use osteotome_mechanics::crack::{Cell, CrackedBody, Sheet};
 use osteotome_mechanics::geometry::{NO_TET, SignedDistance, TET_EDGES, TET_FACES, TriMesh, Vec3};
 use std::collections::{BTreeMap, HashMap};
@@ -33,7 +33,7 @@ pub fn kerf_skin(body: &CrackedBody) -> Skin {
     skin
 }
 
-/// The explicit crack beyond the saw's slit: where the bone broke.
+/// The explicit crack beyond the saw's slit: where the bone broke. Triangles that would span two fragments are left out.
 pub fn broken_sheets(body: &CrackedBody) -> Skin {
     let mut skin = Skin::default();
     for sheet in &body.crack.sheets {
@@ -42,9 +42,13 @@ pub fn broken_sheets(body: &CrackedBody) -> Skin {
         for (p, n) in sheet.mesh.vertices.iter().zip(&normals) {
             push_on_side(body, &mut skin, p, n);
         }
-        let is_broken = |t: &&[u32; 3]| !is_sawn(sheet, t);
-        let broken = sheet.mesh.triangles.iter().filter(is_broken);
-        skin.triangles.extend(broken.map(|t| t.map(|v| v + first)));
+        let broken = sheet.mesh.triangles.iter().filter(|t| !is_sawn(sheet, t));
+        let own = |t: &[u32; 3]| {
+            let pieces = t.map(|v| piece_of(body, skin.anchors[v as usize].cell));
+            pieces.iter().all(|p| *p == pieces[0])
+        };
+        let shown: Vec<[u32; 3]> = broken.map(|t| t.map(|v| v + first)).filter(own).collect();
+        skin.triangles.extend(shown);
     }
     skin
 }
@@ -284,7 +288,7 @@ impl Parting<'_> {
             // Beyond the true surface, and a little more.
             let reach = (1..=10).map(|k| 0.15 * h * f64::from(k));
             let mut clear = reach.filter(|s| region.signed(&(from + direction * *s)) > 0.05 * h);
-            let length = (clear.next().unwrap_or(0.3 * h) + 0.1 * h).max(0.4 * h);
+            let length = (clear.next().unwrap_or(0.3 * h) + 0.1 * h).max(0.6 * h);
             self.way_out.insert(base, direction * length);
         }
         for (i, [p, q]) in ends {
