@@ -4,18 +4,39 @@ use crate::vector::{V3, dot, sub};
 
 /// Radii \[mm\]: a slit's, and a jaw's hollows.
 const RADII: [f32; 2] = [3.0, 13.0];
-const TAPS: u32 = 9;
+const TAPS: usize = 9;
 /// Nothing is looked up farther away than so many samples.
 const FARTHEST: f32 = 120.0;
 
+/// Neighbouring samples look in different directions and are averaged into one pixel.
+const TURNS: usize = 16;
+
 /// Depths, zero where nothing is, with unit normals.
 pub struct Seen<'a> {
-    pub raster: &'a Raster,
-    pub depths: &'a [f32],
-    pub normals: &'a [V3],
+    raster: &'a Raster,
+    depths: &'a [f32],
+    normals: &'a [V3],
+    /// Directions of the taps in units of the reach, for each turn.
+    taps: Vec<[[f32; 2]; TAPS]>,
 }
 
-impl Seen<'_> {
+impl<'a> Seen<'a> {
+    /// Of a frame's first surfaces.
+    pub fn new(raster: &'a Raster, depths: &'a [f32], normals: &'a [V3]) -> Self {
+        let tap = |turn: usize, k: usize| {
+            let angle = k as f32 * 2.399_963 + turn as f32 * 0.39;
+            let r = ((k as f32 + 0.5) / TAPS as f32).sqrt();
+            [r * angle.cos(), r * angle.sin()]
+        };
+        let turn = |turn: usize| std::array::from_fn(|k| tap(turn, k));
+        Self {
+            raster,
+            depths,
+            normals,
+            taps: (0..TURNS).map(turn).collect(),
+        }
+    }
+
     fn position(&self, x: usize, y: usize) -> Option<V3> {
         let depth = self.depths[y * self.raster.width + x];
         (depth > 0.0).then(|| self.raster.ray(x, y).map(|d| d * depth))
@@ -27,16 +48,13 @@ impl Seen<'_> {
             return 1.0;
         };
         let i = y * self.raster.width + x;
-        // Neighbouring samples look in different directions and are averaged into one pixel.
-        let turn = ((x & 3) + 4 * (y & 3)) as f32 * 0.39;
         let mut open = 1.0;
         for radius in RADII {
             let reach = (radius * self.raster.focal() / self.depths[i]).clamp(1.5, FARTHEST);
-            let hidden: f32 = (0..TAPS)
-                .map(|k| {
-                    let angle = k as f32 * 2.399_963 + turn;
-                    let r = reach * ((k as f32 + 0.5) / TAPS as f32).sqrt();
-                    let at = [x as f32 + r * angle.cos(), y as f32 + r * angle.sin()];
+            let hidden: f32 = self.taps[(x & 3) + 4 * (y & 3)]
+                .iter()
+                .map(|[u, v]| {
+                    let at = [x as f32 + reach * u, y as f32 + reach * v];
                     self.hidden_by(p, self.normals[i], at, radius)
                 })
                 .sum();

@@ -5,7 +5,7 @@ use crate::project::{Raster, ScreenTriangle, TILE, bin, project};
 use crate::raster::{Fragment, TileBounds, TileLists};
 use crate::scene::{Camera, Kind, Scene};
 use crate::shade::{opacity, shade, surface_at};
-use crate::vector::{V3, add, scale};
+use crate::vector::{V3, add, dot, scale};
 use rayon::prelude::*;
 
 /// How a frame is made.
@@ -45,6 +45,10 @@ pub struct Frame {
 
 /// Less than this shining through is not followed.
 const FAINT: f32 = 0.01;
+/// Layers that count for less are shaded without their pattern.
+const DETAILED: f32 = 0.25;
+/// Samples of a pixel at most.
+const MOST_SAMPLES: usize = 16;
 
 /// What a sample shows first.
 #[derive(Clone, Copy, Default)]
@@ -98,7 +102,7 @@ pub fn render(scene: &Scene, camera: &Camera, options: &Options) -> Frame {
         }
     }
     if !options.is_transparent {
-        colors = job.shade_first(&hits, &colors);
+        colors = job.shade_first(&hits, &colors, samples);
     }
     let id = |h: &Hit| match h.triangle {
         0 => 0,
@@ -170,7 +174,11 @@ impl Job<'_> {
                 return false;
             }
             let share = through * opacity(&s, self.raster);
-            color = add(color, scale(shade(&s, self.raster, 1.0), share));
+            let is_detailed = share > DETAILED;
+            color = add(
+                color,
+                scale(shade(&s, self.raster, 1.0, is_detailed), share),
+            );
             through -= share;
             through > FAINT
         });
@@ -178,25 +186,61 @@ impl Job<'_> {
     }
 
     /// Colours of an opaque frame, where `found` holds the normals.
-    fn shade_first(&self, hits: &[Hit], found: &[(V3, f32)]) -> Vec<(V3, f32)> {
+    ///
+    /// Samples of a pixel that see the same surface are shaded once, at the first of them.
+    fn shade_first(&self, hits: &[Hit], found: &[(V3, f32)], samples: usize) -> Vec<(V3, f32)> {
         let depths: Vec<f32> = hits.iter().map(|h| h.depth).collect();
         let normals: Vec<V3> = found.iter().map(|f| f.0).collect();
-        let seen = Seen {
-            raster: self.raster,
-            depths: &depths,
-            normals: &normals,
-        };
+        let seen = Seen::new(self.raster, &depths, &normals);
         let width = self.raster.width;
-        let color = |(i, h): (usize, &Hit)| {
-            if h.triangle == 0 {
-                return ([0.0; 3], 1.0);
-            }
-            let (x, y) = (i % width, i / width);
-            let t = &self.triangles[h.triangle as usize - 1];
-            let s = surface_at(self.scene, self.raster, t, [x, y], h.depth);
-            (shade(&s, self.raster, seen.open(x, y)), 0.0)
+        let across = width / samples;
+        let mesh = |i: usize| self.triangles[hits[i].triangle as usize - 1].mesh;
+        let is_same = |i: usize, j: usize| {
+            mesh(i) == mesh(j)
+                && dot(normals[i], normals[j]) > 0.97
+                && (depths[i] - depths[j]).abs() < 0.005 * depths[i]
         };
-        hits.par_iter().enumerate().map(color).collect()
+        let pixel = |p: usize| {
+            let (px, py) = (p % across * samples, p / across * samples);
+            let at = |k: usize| (py + k / samples) * width + px + k % samples;
+            let mut groups: Vec<Vec<usize>> = Vec::with_capacity(2);
+            for k in (0..samples * samples).filter(|k| hits[at(*k)].triangle > 0) {
+                let of = groups.iter_mut().find(|g| is_same(at(g[0]), at(k)));
+                match of {
+                    Some(group) => group.push(k),
+                    None => groups.push(vec![k]),
+                }
+            }
+            let mut colors = [([0.0; 3], 1.0); MOST_SAMPLES];
+            for group in &groups {
+                let open: f32 = group
+                    .iter()
+                    .map(|k| seen.open(at(*k) % width, at(*k) / width))
+                    .sum();
+                let i = at(group[0]);
+                let t = &self.triangles[hits[i].triangle as usize - 1];
+                let s = surface_at(
+                    self.scene,
+                    self.raster,
+                    t,
+                    [i % width, i / width],
+                    depths[i],
+                );
+                let color = shade(&s, self.raster, open / group.len() as f32, true);
+                group.iter().for_each(|k| colors[*k] = (color, 0.0));
+            }
+            colors
+        };
+        let n = across * (self.raster.height / samples);
+        let pixels: Vec<_> = (0..n).into_par_iter().map(pixel).collect();
+        let mut colors = vec![([0.0; 3], 1.0); hits.len()];
+        for (p, of_pixel) in pixels.iter().enumerate() {
+            let (px, py) = (p % across * samples, p / across * samples);
+            for (k, color) in of_pixel[..samples * samples].iter().enumerate() {
+                colors[(py + k / samples) * width + px + k % samples] = *color;
+            }
+        }
+        colors
     }
 
     /// Samples over the background, averaged into pixels.

@@ -73,11 +73,16 @@ const LIGHTS: [(V3, V3); 3] = [
 const SKY: V3 = [0.50, 0.54, 0.60];
 const GROUND: V3 = [0.24, 0.20, 0.18];
 
-/// Colour that reaches the eye, linear RGB. `open`: how much of its surroundings the point sees, 0 to 1.
-pub fn shade(s: &Surface, raster: &Raster, open: f32) -> V3 {
+/// Colour that reaches the eye, linear RGB. `open`: how much of its surroundings the point sees, 0 to 1; `is_detailed`: whether with
+/// the texture's pattern.
+pub fn shade(s: &Surface, raster: &Raster, open: f32, is_detailed: bool) -> V3 {
     let camera = &raster.camera;
     let towards = unit(sub(camera.eye, s.position));
-    let (albedo, normal) = textured(s, towards);
+    let (albedo, normal) = if is_detailed {
+        textured(s, towards)
+    } else {
+        (s.material.color, s.normal)
+    };
     if s.material.texture == Texture::Signal {
         let facing = 0.55 + 0.45 * dot(normal, towards).abs();
         return scale(albedo, facing * (0.6 + 0.4 * open));

@@ -210,7 +210,7 @@ fn check_render(folder: &Path) {
         "procedure",
     );
     refused(
-        &["--at", "1", "-o", "d.png", "--apart", "-3"],
+        &["--at", "1", "-o", "d.png", "--apart", "300"],
         2,
         "0 to 100",
     );
