@@ -21,6 +21,12 @@ pub fn render(args: &RenderArgs) -> Result<(), Failure> {
     }
     let output = args.output.as_deref().or(args.video.as_deref());
     output.map_or(Ok(()), check_place).map_err(Failure::Input)?;
+    if args.video.is_some() && args.size.iter().any(|n| n % 2 == 1) {
+        let [w, h] = args.size;
+        return Err(Failure::Input(anyhow!(
+            "--size {w}x{h}: a film needs even numbers"
+        )));
+    }
     let film = args
         .video
         .as_deref()

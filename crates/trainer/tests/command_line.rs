@@ -214,15 +214,16 @@ fn check_render(folder: &Path) {
         2,
         "0 to 100",
     );
-    refused(
-        &["--video", "d.mp4"],
-        1,
-        if has_ffmpeg() {
-            "even"
-        } else {
-            "ffmpeg is not installed"
-        },
-    );
+    refused(&["--video", "d.mp4"], 2, "even");
+    if !has_ffmpeg() {
+        let film = osteotome(folder, &["render", "out/session.mcap", "--video", "d.mp4"]);
+        assert_eq!(film.status.code(), Some(1));
+        let error = text(&film.stderr);
+        assert!(
+            error.lines().count() == 1 && error.contains("ffmpeg is not installed"),
+            "{error}"
+        );
+    }
     let size = osteotome(
         folder,
         &[

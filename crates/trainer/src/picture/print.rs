@@ -5,7 +5,7 @@ use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use osteotome_render::{Camera, Canvas, Image, Options, Stereo, compose, render};
 use std::io::{BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
 /// How a picture is to look.
@@ -161,11 +161,9 @@ fn orientation(canvas: &mut Canvas, centre: [f32; 2], letter: f32, camera: &Came
 /// Whatever the file system says.
 pub fn write_png(path: &Path, image: &Image) -> Result<()> {
     let shown = || path.display().to_string();
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".partial");
-    let partial = Path::new(&partial);
+    let partial = with_suffix(path);
     let work = || -> Result<()> {
-        let file = std::fs::File::create(partial)?;
+        let file = std::fs::File::create(&partial)?;
         let mut encoder = png::Encoder::new(
             BufWriter::new(file),
             image.width as u32,
@@ -181,35 +179,35 @@ pub fn write_png(path: &Path, image: &Image) -> Result<()> {
             .collect();
         writer.write_image_data(&bytes)?;
         writer.finish()?;
-        std::fs::rename(partial, path)?;
+        std::fs::rename(&partial, path)?;
         Ok(())
     };
     let result = work().with_context(shown);
     if result.is_err() {
         // The name says what it is if even this fails.
-        let _ = std::fs::remove_file(partial);
+        let _ = std::fs::remove_file(&partial);
     }
     result
 }
 
-/// A film in the making: frames go to ffmpeg.
+/// A film in the making: frames go to ffmpeg, which writes `FILE.partial`, renamed at the end. Dropped before that, it goes away.
 pub struct Video {
     ffmpeg: Child,
-    size: [usize; 2],
+    partial: PathBuf,
+    wanted: PathBuf,
+    is_done: bool,
 }
 
 impl Video {
     /// Frames a second.
     pub const RATE: u32 = 25;
 
-    /// Starts ffmpeg.
+    /// Starts ffmpeg for frames of even `size`.
     ///
     /// # Errors
-    /// If there is no ffmpeg, or the size is odd.
+    /// If there is no ffmpeg.
     pub fn start(path: &Path, size: [usize; 2]) -> Result<Self> {
-        if size.iter().any(|n| n % 2 == 1) {
-            bail!("--size {}x{}: films need even numbers", size[0], size[1]);
-        }
+        let partial = with_suffix(path);
         let pixels = format!("{}x{}", size[0], size[1]);
         let rate = Self::RATE.to_string();
         let mut command = Command::new("ffmpeg");
@@ -225,15 +223,18 @@ impl Video {
         command.args([
             "-s", &pixels, "-r", &rate, "-i", "-", "-pix_fmt", "yuv420p", "-f", "mp4",
         ]);
-        command.arg(path).stdin(Stdio::piped());
+        command.arg(&partial).stdin(Stdio::piped());
         match command.spawn() {
-            Ok(ffmpeg) => Ok(Self { ffmpeg, size }),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                bail!(
-                    "--video {}: ffmpeg is not installed; install it, or make pictures with -o",
-                    path.display()
-                )
-            }
+            Ok(ffmpeg) => Ok(Self {
+                ffmpeg,
+                partial,
+                wanted: path.to_owned(),
+                is_done: false,
+            }),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => bail!(
+                "--video {}: ffmpeg is not installed; install it, or make pictures with -o",
+                path.display()
+            ),
             Err(error) => Err(error).context("ffmpeg"),
         }
     }
@@ -243,7 +244,6 @@ impl Video {
     /// # Errors
     /// If ffmpeg has ended.
     pub fn push(&mut self, image: &Image) -> Result<()> {
-        debug_assert_eq!([image.width, image.height], self.size);
         let stdin = self
             .ffmpeg
             .stdin
@@ -261,10 +261,29 @@ impl Video {
     /// If ffmpeg failed.
     pub fn finish(mut self) -> Result<()> {
         drop(self.ffmpeg.stdin.take());
-        let status = self.ffmpeg.wait()?;
-        if !status.success() {
+        if !self.ffmpeg.wait()?.success() {
             bail!("ffmpeg failed; its message is above");
         }
+        std::fs::rename(&self.partial, &self.wanted)
+            .with_context(|| self.wanted.display().to_string())?;
+        self.is_done = true;
         Ok(())
     }
+}
+
+impl Drop for Video {
+    fn drop(&mut self) {
+        if !self.is_done {
+            drop(self.ffmpeg.stdin.take());
+            // Nothing half written stays behind; if even this fails, the name says what it is.
+            let _ = self.ffmpeg.wait();
+            let _ = std::fs::remove_file(&self.partial);
+        }
+    }
+}
+
+fn with_suffix(path: &Path) -> PathBuf {
+    let mut partial = path.as_os_str().to_owned();
+    partial.push(".partial");
+    partial.into()
 }
