@@ -120,7 +120,7 @@ pub struct RenderArgs {
     /// From where
     #[arg(long, value_enum, value_name = "NAME", default_value_t = View::Close)]
     pub view: View,
-    /// Looks through the bone: the crack in red, the canal of the slit, whatever lies behind
+    /// Looks through the bone, with the crack in red
     #[arg(long)]
     pub transparent: bool,
     /// Takes fragments apart by so many mm, to look between them

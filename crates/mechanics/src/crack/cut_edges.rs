@@ -49,7 +49,9 @@ impl CutEdges {
     /// Nodes that were moved off the crack for the crossing test, and where to.
     pub fn seats(&self) -> impl Iterator<Item = (u32, Vec3)> + '_ {
         let seats = (0u32..).zip(&self.seat).zip(&self.seated);
-        seats.filter(|(_, seated)| **seated).map(|((n, p), _)| (n, *p))
+        seats
+            .filter(|(_, seated)| **seated)
+            .map(|((n, p), _)| (n, *p))
     }
 
     /// Repeats recorded cuts (edge, share of it) and seats as they were; returns the edges newly cut, ascending.
