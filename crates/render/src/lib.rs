@@ -1,1 +1,20 @@
-//! Pictures of the split: the image-space CSG of the paper (section 4.3) arrives here with the renderer.
+//! Pictures of the split by image-space CSG on an A-buffer (paper, section 4.3): slices in, pixels out.
+//!
+//! Knows no physics, no window and no file. A frame is made in four steps: [`scene`] triangles are projected and binned
+//! (`project`), rasterised into lists of fragments (`raster`), walked front to back with winding counts ([`csg`]) and shaded
+//! (`shade`, `ambient`). Lengths are mm, colours linear RGB.
+mod ambient;
+mod annotate;
+pub mod csg;
+mod frame;
+mod project;
+mod raster;
+pub mod scene;
+mod shade;
+mod stereo;
+mod vector;
+
+pub use annotate::Canvas;
+pub use frame::{Frame, Image, Options, render};
+pub use scene::{Camera, Kind, Material, Mesh, Scene, Texture};
+pub use stereo::{Stereo, compose};

@@ -2,6 +2,8 @@
 use crate::commands;
 use crate::devices;
 use crate::fracture;
+use crate::picture::{StereoMode, View};
+use crate::render_command;
 use crate::scenario::Override;
 use crate::talk;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -36,6 +38,8 @@ enum Command {
     Check(CheckArgs),
     /// Plays a recorded session
     Replay(ReplayArgs),
+    /// A picture or a film of a recorded session
+    Render(RenderArgs),
     /// Solves a fracture problem and grows its crack, for research and validation
     Fracture(FractureArgs),
     /// Lists haptic devices, and what is missing for those that are not found
@@ -104,6 +108,54 @@ pub struct ReplayArgs {
     pub out: Option<PathBuf>,
 }
 
+/// Arguments of `render`.
+#[derive(Args)]
+pub struct RenderArgs {
+    /// The recording
+    pub session: PathBuf,
+    /// Time of the picture \[s\]
+    #[arg(long, value_name = "S", required_unless_present = "video")]
+    pub at: Option<f64>,
+    /// Pixels across and down
+    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size)]
+    pub size: [usize; 2],
+    /// From where
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = View::Close)]
+    pub view: View,
+    /// Looks through the bone, with the crack in red
+    #[arg(long)]
+    pub transparent: bool,
+    /// Takes fragments apart by so many mm, to look between them
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = apart)]
+    pub apart: f64,
+    /// For two eyes
+    #[arg(long, value_enum, value_name = "MODE")]
+    pub stereo: Option<StereoMode>,
+    /// Draws on the processor (so far the only way: graphics cards are not used yet)
+    #[arg(long)]
+    pub cpu: bool,
+    /// The picture (PNG)
+    #[arg(short, value_name = "FILE.png", required_unless_present = "video")]
+    pub output: Option<PathBuf>,
+    /// A film of the whole session, through ffmpeg
+    #[arg(long, value_name = "FILE.mp4", conflicts_with_all = ["at", "output"])]
+    pub video: Option<PathBuf>,
+}
+
+/// 0 to 100 mm.
+fn apart(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|mm| (0.0..=100.0).contains(mm));
+    number.ok_or_else(|| "give a distance of 0 to 100 mm".to_owned())
+}
+
+/// 16 to 4096 pixels each way.
+fn size(text: &str) -> Result<[usize; 2], String> {
+    let wrong = || "give pixels across and down, 16 to 4096 each, like 1280x720".to_owned();
+    let (w, h) = text.split_once('x').ok_or_else(wrong)?;
+    let number = |t: &str| t.parse::<usize>().ok().filter(|n| (16..=4096).contains(n));
+    Ok([number(w).ok_or_else(wrong)?, number(h).ok_or_else(wrong)?])
+}
+
 /// Arguments of `fracture`.
 #[derive(Args)]
 pub struct FractureArgs {
@@ -167,6 +219,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => commands::run(&args),
         Command::Check(args) => commands::check(&args),
         Command::Replay(args) => commands::replay(&args),
+        Command::Render(args) => render_command::render(&args),
         Command::Fracture(args) => fracture::fracture(&args),
         Command::Devices(args) => devices::devices(&args),
     };

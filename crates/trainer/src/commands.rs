@@ -3,6 +3,7 @@ use crate::cli::{CheckArgs, DemoArgs, Failure, Mode, ReplayArgs, RunArgs};
 use crate::engine::{self, Prepared};
 use crate::input::{Input, open_devices};
 use crate::loops::{lockstep, realtime};
+use crate::picture::{Stage, write_pictures};
 use crate::scenario::{self, Override, Scenario, Source};
 use crate::session::{
     CrackMesh, Metrics, Recorder, Recording, SESSION, ScenarioMessage, SessionFolder, write_crack,
@@ -184,7 +185,7 @@ fn load(source: &Source, overrides: &[Override]) -> Result<Scenario, Failure> {
     scenario::load(source, overrides, &here).map_err(Failure::Input)
 }
 
-fn prepare(scenario: &Scenario) -> Result<Prepared, Failure> {
+pub fn prepare(scenario: &Scenario) -> Result<Prepared, Failure> {
     let mut bar = Progress::new("Preparing", 1000);
     let mut progress = |stage: &str, share: f64| bar.set((1000.0 * share) as u64, stage);
     let prepared = engine::prepare(scenario, &mut progress).map_err(Failure::Input);
@@ -247,6 +248,7 @@ fn session(
         )?;
         let metrics = recorder.finish()?;
         folder.write("metrics.json", &json(&metrics)?)?;
+        pictures(prepared, folder.path())?;
         Ok(metrics)
     };
     let metrics = work()
@@ -254,6 +256,23 @@ fn session(
         .map_err(Failure::Work)?;
     let _: PathBuf = folder.finish().map_err(Failure::Work)?;
     Ok(metrics)
+}
+
+/// Draws the session that `folder` holds.
+fn pictures(prepared: &Prepared, folder: &Path) -> Result<()> {
+    let recording = Recording::read(&folder.join("session.mcap"))?;
+    let mut bar = Progress::new("Drawing", 1000);
+    let mut progress = |done: usize, all: usize| {
+        bar.set(
+            (1000 * done / all) as u64,
+            format!("picture {done} of {all}"),
+        );
+    };
+    let mut stage = Stage::new(prepared, &recording)?;
+    write_pictures(&mut stage, &folder.join("pictures"), &mut progress)
+        .context("the pictures of the session")?;
+    bar.done();
+    Ok(())
 }
 
 fn json(metrics: &Metrics) -> Result<String> {

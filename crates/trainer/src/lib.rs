@@ -6,6 +6,8 @@ pub mod engine;
 mod fracture;
 pub mod input;
 pub mod loops;
+mod picture;
+mod render_command;
 pub mod scenario;
 pub mod session;
 pub mod surgeon;

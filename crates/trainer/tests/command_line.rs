@@ -148,6 +148,102 @@ fn figures(json: &str) -> serde_json::Value {
     value
 }
 
+/// Width and height as a PNG file says.
+fn png_size(path: &Path) -> [u32; 2] {
+    let bytes = std::fs::read(path).expect("a picture");
+    assert!(
+        bytes.starts_with(b"\x89PNG\r\n\x1a\n"),
+        "{}",
+        path.display()
+    );
+    [16, 20].map(|k| u32::from_be_bytes(bytes[k..k + 4].try_into().expect("four bytes")))
+}
+
+/// `render` on the session in `out`: pictures that repeat, and one line for whatever is wrong.
+fn check_render(folder: &Path) {
+    let render = |more: &[&str]| {
+        let mut args = vec!["render", "out/session.mcap", "--size", "321x180"];
+        args.extend(more);
+        osteotome(folder, &args)
+    };
+    let modes: [&[&str]; 3] = [
+        &["--at", "2.0", "-o", "a.png", "--view", "procedure"],
+        &["--at", "2.0", "-o", "b.png", "--view", "procedure"],
+        &[
+            "--at",
+            "0",
+            "-o",
+            "c.png",
+            "--transparent",
+            "--stereo",
+            "anaglyph",
+            "--cpu",
+        ],
+    ];
+    for args in modes {
+        let output = render(args);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        assert_eq!(png_size(&folder.join(args[3])), [321, 180]);
+    }
+    let read = |name: &str| std::fs::read(folder.join(name)).expect("readable");
+    assert!(read("a.png") == read("b.png") && read("a.png") != read("c.png"));
+    let refused = |args: &[&str], code: i32, part: &str| {
+        let output = render(args);
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{args:?}: {error}");
+        assert!(
+            error.lines().count() == 1 && error.contains(part),
+            "{error}"
+        );
+        assert!(!folder.join("d.png").exists(), "{args:?}");
+    };
+    refused(
+        &["--at", "99", "-o", "d.png"],
+        2,
+        "the session lasts 2.50 s",
+    );
+    refused(&["--at", "1", "-o", "none/d.png"], 2, "none/d.png");
+    refused(&["--at", "1"], 2, "-o");
+    refused(
+        &["--at", "1", "-o", "d.png", "--view", "below"],
+        2,
+        "procedure",
+    );
+    refused(
+        &["--at", "1", "-o", "d.png", "--apart", "300"],
+        2,
+        "0 to 100",
+    );
+    refused(&["--video", "d.mp4"], 2, "even");
+    if !has_ffmpeg() {
+        let film = osteotome(folder, &["render", "out/session.mcap", "--video", "d.mp4"]);
+        assert_eq!(film.status.code(), Some(1));
+        let error = text(&film.stderr);
+        assert!(
+            error.lines().count() == 1 && error.contains("ffmpeg is not installed"),
+            "{error}"
+        );
+    }
+    let size = osteotome(
+        folder,
+        &[
+            "render",
+            "out/session.mcap",
+            "--at",
+            "1",
+            "-o",
+            "d.png",
+            "--size",
+            "9x9",
+        ],
+    );
+    assert!(text(&size.stderr).contains("16 to 4096"));
+}
+
+fn has_ffmpeg() -> bool {
+    Command::new("ffmpeg").arg("-version").output().is_ok()
+}
+
 /// Lockstep: the same scenario gives the same figures and the recording recomputes to the last bit.
 #[test]
 fn lockstep_sessions_repeat_and_replay() {
@@ -195,4 +291,9 @@ fn lockstep_sessions_repeat_and_replay() {
         "{}",
         text(&replay.stdout)
     );
+    for name in ["1_before", "1_before_transparent", "4_after"] {
+        let picture = out.join(format!("pictures/{name}.png"));
+        assert_eq!(png_size(&picture), [1280, 720], "{name}");
+    }
+    check_render(folder.path());
 }

@@ -47,6 +47,36 @@ impl CutEdges {
         self.crossing[e as usize]
     }
 
+    /// Nodes that were moved off the crack for the crossing test, and where to.
+    pub fn seats(&self) -> impl Iterator<Item = (u32, Vec3)> + '_ {
+        let seats = (0u32..).zip(&self.seat).zip(&self.seated);
+        seats
+            .filter(|(_, seated)| **seated)
+            .map(|((n, p), _)| (n, *p))
+    }
+
+    /// Repeats recorded cuts (edge, share of it) and seats as they were; returns the edges newly cut, ascending.
+    ///
+    /// # Panics
+    /// For an edge or a node that the mesh does not have.
+    pub fn restore(&mut self, cuts: &[(u32, f64)], seats: &[(u32, Vec3)]) -> Vec<u32> {
+        for (n, p) in seats {
+            self.seat[*n as usize] = *p;
+            self.seated[*n as usize] = true;
+        }
+        let mut fresh: Vec<u32> = Vec::with_capacity(cuts.len());
+        for &(e, share) in cuts {
+            if !self.is_cut(e) {
+                fresh.push(e);
+            }
+            self.crossing[e as usize] = share;
+        }
+        fresh.sort_unstable();
+        fresh.dedup();
+        self.n_cut += fresh.len();
+        fresh
+    }
+
     /// How many edges are cut.
     pub fn len(&self) -> usize {
         self.n_cut

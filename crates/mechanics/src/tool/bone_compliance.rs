@@ -77,8 +77,8 @@ impl BoneCompliance {
 
     pub(super) fn carried_to(&self, poses: &[Pose; 2]) -> Carried {
         let mut lever = Matrix12::identity();
-        for t in 0..2 {
-            let arm = poses[t].translation.vector - self.origins[t];
+        for (t, (pose, origin)) in poses.iter().zip(&self.origins).enumerate() {
+            let arm = pose.translation.vector - origin;
             let mut block = lever.fixed_view_mut::<3, 3>(6 * t, 6 * t + 3);
             block.copy_from(&-arm.cross_matrix());
         }

@@ -2,7 +2,7 @@ use super::HandsView;
 use super::haptic::BoneView;
 use super::propagation::Loaded;
 use crate::loops::{MainPart, Published, Subscribed};
-use crate::session::MainSample;
+use crate::session::{BoneSample, MainSample};
 use crate::surgeon::{Mark, SplitLine};
 use osteotome_mechanics::geometry::Vec3;
 use osteotome_mechanics::step::main::{MainInput, MainSettings, MainState, main_step};
@@ -113,6 +113,19 @@ fn moved(bone: &Bone, state: &BoneState, tet: u32) -> Vec3 {
 }
 
 impl MainPart for Main {
+    fn generation(&self) -> u64 {
+        self.state().generation.into()
+    }
+
+    fn bone(&self) -> Option<BoneSample> {
+        let state = self.state();
+        Some(BoneSample {
+            time: 0.0,
+            generation: state.generation.into(),
+            x_um: state.x.iter().map(|v| (v * 1e3).round() as i32).collect(),
+        })
+    }
+
     fn step(&mut self) -> MainSample {
         self.adopt();
         let hands = *self.ends.hands.read();

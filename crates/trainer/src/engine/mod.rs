@@ -6,6 +6,8 @@ mod prepare;
 mod propagation;
 
 pub use prepare::{Prepared, prepare};
+#[cfg(test)]
+pub use propagation::cut_since;
 
 use crate::loops::{Parts, latest};
 use crate::scenario::{Scenario, Tool};

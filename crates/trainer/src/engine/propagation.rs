@@ -1,6 +1,6 @@
 use crate::loops::{Propagated, PropagationPart, Published, Subscribed};
 use crate::session::{FrontPoint, GrowthSample};
-use osteotome_mechanics::crack::bridging_edges;
+use osteotome_mechanics::crack::{CutEdges, bridging_edges};
 use osteotome_mechanics::geometry::Vec3;
 use osteotome_mechanics::step::{
     Bone, BoneState, GrowthReport, PropagationSettings, propagation_step,
@@ -51,7 +51,8 @@ impl Propagation {
         }
     }
 
-    fn sample(&self, report: &GrowthReport) -> GrowthSample {
+    /// The crack as it is, and what has been cut since `before`.
+    fn sample(&self, report: &GrowthReport, before: Option<&CutEdges>) -> GrowthSample {
         let bone = &self.bone;
         let (mut vertices, mut triangles, mut kerf) = (vec![], vec![], vec![]);
         for sheet in &bone.crack.sheets {
@@ -60,6 +61,9 @@ impl Propagation {
             triangles.extend(sheet.mesh.triangles.iter().map(|t| t.map(|v| v + first)));
             kerf.extend_from_slice(&sheet.kerf);
         }
+        let n_edges = bone.body.mesh.edges().len() as u32;
+        let since = |b| cut_since(&bone.cuts, b, n_edges);
+        let (cut, seats) = before.map_or_else(Default::default, since);
         let front = report.fronts.iter().flatten().filter(|p| p.inside);
         GrowthSample {
             time: 0.0,
@@ -78,6 +82,11 @@ impl Propagation {
             area: bone.crack_area() - self.sawn_area,
             fragments: bone.fragments.count(),
             severed: bone.is_severed(),
+            sheets: (bone.crack.sheets.iter())
+                .map(|s| [s.mesh.vertices.len(), s.mesh.triangles.len()].map(|n| n as u32))
+                .collect(),
+            cut,
+            seats,
             tips: tips(bone),
         }
     }
@@ -85,7 +94,7 @@ impl Propagation {
 
 impl PropagationPart for Propagation {
     fn crack(&self) -> GrowthSample {
-        self.sample(&GrowthReport::default())
+        self.sample(&GrowthReport::default(), None)
     }
 
     fn step(&mut self) -> Propagated {
@@ -105,9 +114,9 @@ impl PropagationPart for Propagation {
         match propagation_step(&self.bone, &loaded.state, &self.settings) {
             Ok((Some(next), report)) => {
                 self.rested = None;
-                self.bone = Arc::new(next);
+                let before = std::mem::replace(&mut self.bone, Arc::new(next));
                 self.grown.write(Arc::clone(&self.bone));
-                Propagated::Grown(Box::new(self.sample(&report)))
+                Propagated::Grown(Box::new(self.sample(&report, Some(&before.cuts))))
             }
             Ok((None, _)) => Propagated::Checked,
             Err(error) => {
@@ -121,6 +130,18 @@ impl PropagationPart for Propagation {
         let error = self.stuck.as_ref()?;
         Some(format!("the crack stopped growing: {error}"))
     }
+}
+
+/// Edges with their crossings, and nodes with their seats.
+pub type CutsAndSeats = (Vec<(u32, f64)>, Vec<(u32, [f64; 3])>);
+
+/// What has been cut and seated beyond an earlier generation of a mesh with `n_edges` edges.
+pub fn cut_since(cuts: &CutEdges, before: &CutEdges, n_edges: u32) -> CutsAndSeats {
+    let is_new = |e: &u32| cuts.is_cut(*e) && !before.is_cut(*e);
+    let cut = (0..n_edges).filter(is_new).map(|e| (e, cuts.crossing(e)));
+    let old: Vec<u32> = before.seats().map(|s| s.0).collect();
+    let seats = cuts.seats().filter(|s| old.binary_search(&s.0).is_err());
+    (cut.collect(), seats.map(|(n, p)| (n, p.into())).collect())
 }
 
 /// Where the bone still holds: front vertices inside it, or the middles of the last edges that bridge the split.

@@ -12,7 +12,7 @@
 //! | any | all | stop | [`Shared::stop`] |
 //!
 //! A triple buffer's reader never frees: the writer overwrites, and with it drops, the value two publications old.
-use crate::session::{GrowthSample, HapticSample, MainSample};
+use crate::session::{BoneSample, GrowthSample, HapticSample, MainSample};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -77,6 +77,8 @@ pub struct RingsIn {
     pub haptic: RingIn<Timed<HapticSample>>,
     /// Main steps.
     pub main: RingIn<Timed<MainSample>>,
+    /// The bone, now and then.
+    pub bone: RingIn<BoneSample>,
     /// Propagation steps.
     pub propagation: RingIn<Timed<Looked>>,
 }
@@ -87,6 +89,8 @@ pub struct RingsOut {
     pub haptic: Consumer<Timed<HapticSample>>,
     /// Main steps.
     pub main: Consumer<Timed<MainSample>>,
+    /// The bone, now and then.
+    pub bone: Consumer<BoneSample>,
     /// Propagation steps.
     pub propagation: Consumer<Timed<Looked>>,
 }
@@ -95,16 +99,19 @@ pub struct RingsOut {
 pub fn rings() -> (RingsIn, RingsOut) {
     let (haptic, haptic_out) = ring(4096);
     let (main, main_out) = ring(512);
+    let (bone, bone_out) = ring(64);
     let (propagation, propagation_out) = ring(4096);
     (
         RingsIn {
             haptic,
             main,
+            bone,
             propagation,
         },
         RingsOut {
             haptic: haptic_out,
             main: main_out,
+            bone: bone_out,
             propagation: propagation_out,
         },
     )

@@ -1,9 +1,10 @@
 use super::{
-    HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart, Sink, view,
+    BoneClock, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart,
+    Sink, view,
 };
 use crate::input::Input;
 use crate::scenario::Scenario;
-use crate::session::{Loop, StepTime};
+use crate::session::{BoneSample, Loop, StepTime};
 use anyhow::Result;
 use std::time::Instant;
 
@@ -31,6 +32,7 @@ pub fn lockstep<H: HapticPart, M: MainPart, P: PropagationPart>(
     sink.growth(start)?;
     let mut haptic = HapticLoop::new(haptic, input, scenario);
     let mut time = 0.0;
+    let mut bone_clock = BoneClock::default();
     while !haptic.is_finished() {
         for _ in 0..scenario.loops.haptic_per_main() {
             if haptic.is_finished() {
@@ -51,6 +53,11 @@ pub fn lockstep<H: HapticPart, M: MainPart, P: PropagationPart>(
         let (mut sample, step_us) = timed(|| main.step());
         sample.time = time;
         sink.main(&sample)?;
+        if bone_clock.is_due(main.generation())
+            && let Some(bone) = main.bone()
+        {
+            sink.bone(&BoneSample { time, ..bone })?;
+        }
         sink.timing(
             &StepTime {
                 time,

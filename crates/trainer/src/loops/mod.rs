@@ -9,7 +9,9 @@ pub use realtime::realtime;
 
 use crate::input::Input;
 use crate::scenario::Scenario;
-use crate::session::{GrowthSample, HandSample, HapticSample, Loop, MainSample, Pace, StepTime};
+use crate::session::{
+    BoneSample, GrowthSample, HandSample, HapticSample, Loop, MainSample, Pace, StepTime,
+};
 use crate::surgeon::CrackView;
 use anyhow::Result;
 use osteotome_devices::Wrench;
@@ -42,6 +44,14 @@ pub trait HapticPart: Send {
 pub trait MainPart: Send {
     /// One step.
     fn step(&mut self) -> MainSample;
+    /// The generation of the bone that the last step worked on.
+    fn generation(&self) -> u64 {
+        0
+    }
+    /// The bone as the last step left it.
+    fn bone(&self) -> Option<BoneSample> {
+        None
+    }
     /// Why it has stopped, if it has.
     fn fault(&self) -> Option<String> {
         None
@@ -87,6 +97,10 @@ pub trait Sink {
     fn haptic(&mut self, sample: &HapticSample) -> Result<()>;
     /// A main step.
     fn main(&mut self, sample: &MainSample) -> Result<()>;
+    /// How the bone is deformed; whoever does not keep it need not take it.
+    fn bone(&mut self, _: &BoneSample) -> Result<()> {
+        Ok(())
+    }
     /// A growth step.
     fn growth(&mut self, sample: GrowthSample) -> Result<()>;
     /// How long a step took.
@@ -95,6 +109,27 @@ pub trait Sink {
     fn event(&mut self, time: f64, event: &str) -> Result<()>;
     /// A loop's pace, at the end.
     fn pace(&mut self, of: Loop, pace: Pace);
+}
+
+/// Says when the bone is to be recorded: after every fourth main step (at 50 Hz, 12.5 times a second), and whenever it has grown
+/// a new crack.
+#[derive(Default)]
+struct BoneClock {
+    since: u32,
+    generation: Option<u64>,
+}
+
+impl BoneClock {
+    fn is_due(&mut self, generation: u64) -> bool {
+        const EVERY: u32 = 4;
+        self.since += 1;
+        let is_due = self.since >= EVERY || self.generation != Some(generation);
+        if is_due {
+            self.since = 0;
+            self.generation = Some(generation);
+        }
+        is_due
+    }
 }
 
 /// Told how far the simulated time has come \[s\], and whether the bone is apart.
@@ -243,6 +278,9 @@ mod tests {
                 area: 6.0 * self.generation as f64,
                 fragments: 1 + usize::from(self.generation >= 40),
                 severed: self.generation >= 40,
+                sheets: vec![],
+                cut: vec![],
+                seats: vec![],
                 tips: tips.collect(),
             }
         }

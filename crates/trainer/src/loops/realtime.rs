@@ -1,12 +1,12 @@
 use super::exchange::{Looked, RingIn, RingsOut, Shared, Timed, latest, rings};
 use super::lockstep::timed;
 use super::{
-    HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart, Published,
-    Sink, Subscribed, view,
+    BoneClock, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart,
+    Published, Sink, Subscribed, view,
 };
 use crate::input::Input;
 use crate::scenario::Scenario;
-use crate::session::{HapticSample, Loop, MainSample, Pace, StepTime};
+use crate::session::{BoneSample, HapticSample, Loop, MainSample, Pace, StepTime};
 use crate::surgeon::CrackView;
 use anyhow::{Result, anyhow};
 use std::thread::{Builder, ScopedJoinHandle};
@@ -47,7 +47,7 @@ pub fn realtime<H: HapticPart, M: MainPart, P: PropagationPart>(
         let main = Builder::new()
             .name("main".into())
             .spawn_scoped(scope, move || {
-                main_loop(main, rings_in.main, shared, period, dt)
+                main_loop(main, rings_in.main, rings_in.bone, shared, period, dt)
             });
         let propagation = Builder::new()
             .name("propagation".into())
@@ -185,21 +185,29 @@ fn haptic_loop<H: HapticPart>(
 fn main_loop<M: MainPart>(
     mut part: M,
     mut ring: RingIn<Timed<MainSample>>,
+    mut bones: RingIn<BoneSample>,
     shared: &Shared,
     period: Duration,
     dt: f64,
 ) -> (M, Account) {
     let _stop = StopOnDrop(shared);
     let mut pacer = Pacer::new(period);
+    let mut bone_clock = BoneClock::default();
     while !shared.is_stopping() {
         let (mut sample, step_us) = timed(|| part.step());
-        sample.time = shared.steps() as f64 * dt;
+        let time = shared.steps() as f64 * dt;
+        sample.time = time;
         ring.put(Timed { sample, step_us });
+        if bone_clock.is_due(part.generation())
+            && let Some(bone) = part.bone()
+        {
+            bones.put(BoneSample { time, ..bone });
+        }
         pacer.wait();
     }
     let account = Account {
         pace: pacer.pace,
-        dropped: ring.n_dropped(),
+        dropped: ring.n_dropped() + bones.n_dropped(),
         events: part.fault().into_iter().collect(),
     };
     (part, account)
@@ -294,6 +302,9 @@ fn drain(rings: &mut RingsOut, sink: &mut impl Sink, severed: &mut bool) -> Resu
             },
             false,
         )?;
+    }
+    while let Ok(bone) = rings.bone.pop() {
+        sink.bone(&bone)?;
     }
     while let Ok(Timed { sample, step_us }) = rings.main.pop() {
         sink.main(&sample)?;

@@ -1,5 +1,7 @@
 //! `session.mcap`: JSON channels with schemas, chunked, zstd.
-use super::sample::{GrowthSample, HandSample, HapticSample, MainSample, StepTime, Wire};
+use super::sample::{
+    BoneSample, GrowthSample, HandSample, HapticSample, MainSample, StepTime, Wire,
+};
 use anyhow::{Context, Result, bail};
 use mcap::records::MessageHeader;
 use osteotome_mechanics::geometry::Pose;
@@ -10,7 +12,7 @@ use std::io::BufWriter;
 use std::path::Path;
 
 /// Channel, schema name, JSON schema's properties.
-const CHANNELS: [(&str, &str, &str); 7] = [
+const CHANNELS: [(&str, &str, &str); 8] = [
     ("/haptic/left", "osteotome.hand/1", HAND),
     ("/haptic/right", "osteotome.hand/1", HAND),
     (
@@ -37,6 +39,11 @@ const CHANNELS: [(&str, &str, &str); 7] = [
         "/scenario",
         "osteotome.scenario/1",
         include_str!("schemas/scenario.json"),
+    ),
+    (
+        "/bone",
+        "osteotome.bone/1",
+        include_str!("schemas/bone.json"),
     ),
 ];
 
@@ -129,6 +136,11 @@ impl RecordingWriter {
         self.put(3, sample.time, sample)
     }
 
+    /// How the bone is deformed.
+    pub fn bone(&mut self, sample: &BoneSample) -> Result<()> {
+        self.put(7, sample.time, sample)
+    }
+
     /// How long a step took.
     pub fn timing(&mut self, sample: &StepTime) -> Result<()> {
         self.put(4, sample.time, sample)
@@ -157,6 +169,8 @@ pub struct Recording {
     pub main: Vec<MainSample>,
     /// Growth steps.
     pub growth: Vec<GrowthSample>,
+    /// The deformed bone, in the order of time; none in recordings made before there was such a channel.
+    pub bone: Vec<BoneSample>,
 }
 
 impl Recording {
@@ -175,7 +189,7 @@ impl Recording {
         let stream = mcap::MessageStream::new(&bytes).with_context(damaged)?;
         let mut scenario = None;
         let mut hands = [vec![], vec![]];
-        let (mut main, mut growth) = (vec![], vec![]);
+        let (mut main, mut growth, mut bone) = (vec![], vec![], vec![]);
         for message in stream {
             let message = message.with_context(damaged)?;
             let topic = message.channel.topic.as_str();
@@ -203,6 +217,14 @@ impl Recording {
                         ..sample
                     });
                 }
+                "/bone" => {
+                    let sample: BoneSample =
+                        serde_json::from_slice(&message.data).with_context(bad)?;
+                    bone.push(BoneSample {
+                        time: seconds,
+                        ..sample
+                    });
+                }
                 "/scenario" => {
                     scenario = Some(serde_json::from_slice(&message.data).with_context(bad)?);
                 }
@@ -224,6 +246,7 @@ impl Recording {
             hands,
             main,
             growth,
+            bone,
         })
     }
 }

@@ -393,6 +393,9 @@ mod tests {
             area: 300.0,
             fragments: 2,
             severed: true,
+            sheets: vec![],
+            cut: vec![],
+            seats: vec![],
             tips: vec![],
         }
     }

@@ -11,4 +11,6 @@ pub use folder::{Mark, SESSION, SessionFolder};
 pub use mcap_file::{Recording, ScenarioMessage};
 pub use metrics::{LoopFigures, Metrics, Outcome, Pace};
 pub use recorder::Recorder;
-pub use sample::{FrontPoint, GrowthSample, HandSample, HapticSample, Loop, MainSample, StepTime};
+pub use sample::{
+    BoneSample, FrontPoint, GrowthSample, HandSample, HapticSample, Loop, MainSample, StepTime,
+};

@@ -1,6 +1,6 @@
 use super::mcap_file::{RecordingWriter, ScenarioMessage};
 use super::metrics::{Metrics, Pace};
-use super::sample::{GrowthSample, HapticSample, Loop, MainSample, StepTime};
+use super::sample::{BoneSample, GrowthSample, HapticSample, Loop, MainSample, StepTime};
 use anyhow::Result;
 use std::path::Path;
 
@@ -46,6 +46,10 @@ impl crate::loops::Sink for Recorder {
     fn main(&mut self, sample: &MainSample) -> Result<()> {
         self.metrics.main(sample);
         self.writer.main(sample)
+    }
+
+    fn bone(&mut self, sample: &BoneSample) -> Result<()> {
+        self.writer.bone(sample)
     }
 
     fn growth(&mut self, sample: GrowthSample) -> Result<()> {

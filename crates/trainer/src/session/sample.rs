@@ -50,6 +50,18 @@ pub struct MainSample {
     pub strain_energy: f64,
 }
 
+/// How the bone is deformed.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct BoneSample {
+    /// Simulated time \[s\].
+    #[serde(skip)]
+    pub time: f64,
+    /// The generation of the bone that the unknowns belong to.
+    pub generation: u64,
+    /// Unknowns x_XF: displacements of nodes, then jumps of enrichments, in micrometres.
+    pub x_um: Vec<i32>,
+}
+
 /// A vertex of the crack front.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct FrontPoint {
@@ -87,6 +99,15 @@ pub struct GrowthSample {
     pub fragments: usize,
     /// Whether the operated side has come off: the split is complete.
     pub severed: bool,
+    /// Of each sheet in turn, how many of the vertices and triangles are its own.
+    #[serde(default)]
+    pub sheets: Vec<[u32; 2]>,
+    /// Mesh edges cut since the generation before, and the share at which each is crossed, from its lower node.
+    #[serde(default)]
+    pub cut: Vec<(u32, f64)>,
+    /// Mesh nodes moved off the crack for the crossing test since the generation before, and where to \[mm\].
+    #[serde(default)]
+    pub seats: Vec<(u32, [f64; 3])>,
     /// Where the bone still holds: the new front inside the bone, or what bridges the gap \[mm\].
     #[serde(skip)]
     pub tips: Vec<Vec3>,

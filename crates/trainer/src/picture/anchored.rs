@@ -1,0 +1,156 @@
+//! Vertices that move with the bone's cells: the paper's geometric mapping (section 4.1) for what is drawn.
+use osteotome_mechanics::crack::{Cell, CrackedBody, Sheet, cut_area};
+use osteotome_mechanics::geometry::{TriMesh, Vec3};
+use std::collections::HashMap;
+
+/// A point's place in the bone: its cell (tetrahedron and side) and the shape functions there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Anchor {
+    /// Which cell of the topology.
+    pub cell: u32,
+    /// Below zero or above one where the point lies outside the tetrahedron: the cell's motion is continued.
+    pub weights: [f64; 4],
+}
+
+/// A triangle mesh that moves with the bone.
+#[derive(Clone, Debug, Default)]
+pub struct Skin {
+    /// Of each vertex.
+    pub anchors: Vec<Anchor>,
+    /// Undeformed positions \[mm\].
+    pub rest: Vec<[f32; 3]>,
+    /// Triangles.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl Skin {
+    /// Adds a vertex; gives its number.
+    pub fn push(&mut self, anchor: Anchor, rest: &Vec3) -> u32 {
+        self.anchors.push(anchor);
+        self.rest.push((*rest).cast::<f32>().into());
+        self.anchors.len() as u32 - 1
+    }
+
+    /// Where the vertices are.
+    pub fn positions(&self, moved: &[[Vec3; 4]]) -> Vec<[f32; 3]> {
+        let at = |a: &Anchor| -> [f32; 3] {
+            let nodes = &moved[a.cell as usize];
+            let p: Vec3 = (0..4).map(|k| nodes[k] * a.weights[k]).sum();
+            p.cast::<f32>().into()
+        };
+        self.anchors.iter().map(at).collect()
+    }
+}
+
+/// Deformed positions of each cell's virtual nodes: D_T of the paper's equation 7.
+pub fn moved_cells(body: &CrackedBody, x: &[f64]) -> Vec<[Vec3; 4]> {
+    let mesh = &body.solid.mesh;
+    let one = |cell: &Cell| {
+        let u = body.system.cell_displacements(mesh, cell, x);
+        let at = mesh.corners(cell.tet as usize);
+        [0, 1, 2, 3].map(|k| at[k] + u[k])
+    };
+    body.topology.cells().iter().map(one).collect()
+}
+
+/// The tetrahedron at a point, or the nearest one however far, with the shape functions there.
+pub fn tet_at(body: &CrackedBody, p: &Vec3) -> (u32, [f64; 4]) {
+    let s = &body.solid;
+    let near = |reach: f64| s.locator.find_near(&s.mesh, p, reach * s.lengths.h);
+    let found = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0].into_iter().find_map(near);
+    found.unwrap_or_else(|| (0, s.mesh.barycentric(0, p)))
+}
+
+/// Whether the bone does not part between two cells: they are of one fragment, and at every node of both they move alike.
+pub fn are_joined(body: &CrackedBody, a: u32, b: u32) -> bool {
+    let [ca, cb] = [a, b].map(|c| &body.topology.cells()[c as usize]);
+    let [na, nb] = [ca, cb].map(|c| body.solid.mesh.tets()[c.tet as usize]);
+    piece_of(body, a) == piece_of(body, b)
+        && (0..4).all(|i| (0..4).all(|j| na[i] != nb[j] || ca.enrichment[i] == cb.enrichment[j]))
+}
+
+/// The fragment that a cell is of.
+pub fn piece_of(body: &CrackedBody, cell: u32) -> u32 {
+    let cell = &body.topology.cells()[cell as usize];
+    let own = (0..4).find(|k| cell.mask >> k & 1 == 1).unwrap_or(0);
+    body.fragments.of_node[body.solid.mesh.tets()[cell.tet as usize][own] as usize]
+}
+
+/// The saw's cuts as mechanics follows them: cut polygons are off the saw's own surface by up to a kerf's width, and pictures
+/// show flakes there unless both are brought together.
+pub struct SawCuts<'a> {
+    body: &'a CrackedBody,
+    sawn: Vec<Sheet>,
+    /// For each tetrahedron the sheet along which it is sawn in two.
+    sheet_of: HashMap<u32, usize>,
+}
+
+/// A polygon this near to the saw's cut \[element sizes\] and as parallel to it (cosine) is that cut's.
+const SAME_PLACE: f64 = 0.35;
+const SAME_WAY: f64 = 0.85;
+
+impl<'a> SawCuts<'a> {
+    /// Of this bone.
+    pub fn new(body: &'a CrackedBody) -> Self {
+        let sawn = body.crack.sheets.iter().map(|s| Sheet {
+            mesh: sawn_part(s),
+            kerf: s.kerf.clone(),
+            ..Sheet::default()
+        });
+        let mut cuts = Self {
+            body,
+            sawn: sawn.collect(),
+            sheet_of: HashMap::new(),
+        };
+        for cells in body.topology.cells().chunk_by(|a, b| a.tet == b.tet) {
+            if let [cell, _] = cells
+                && let Some(sheet) = cuts.find_sheet(cell)
+            {
+                cuts.sheet_of.insert(cell.tet, sheet);
+            }
+        }
+        cuts
+    }
+
+    fn find_sheet(&self, cell: &Cell) -> Option<usize> {
+        let s = &self.body.solid;
+        let (centre, area) = cut_area(&s.mesh, &self.body.cuts, cell);
+        let normal = area.try_normalize(1e-12)?;
+        let is_that = |sheet: &Sheet| {
+            let (distance, t, _) = sheet.closest(&centre)?;
+            let way = sheet.mesh.area_normal(t).try_normalize(1e-12)?;
+            let fits = distance < SAME_PLACE * s.lengths.h && way.dot(&normal).abs() > SAME_WAY;
+            fits.then_some(distance)
+        };
+        let fitting = self
+            .sawn
+            .iter()
+            .enumerate()
+            .filter_map(|(i, s)| Some((i, is_that(s)?)));
+        fitting.min_by(|a, b| a.1.total_cmp(&b.1)).map(|f| f.0)
+    }
+
+    /// The nearest point of the saw's cut along which `tet` is in two, if it is near.
+    pub fn nearest(&self, tet: u32, p: &Vec3) -> Option<Vec3> {
+        let sheet = &self.sawn[*self.sheet_of.get(&tet)?];
+        let (distance, t, w) = sheet.closest(p)?;
+        let corners = sheet.mesh.corners(t);
+        let is_near = distance < SAME_PLACE * self.body.solid.lengths.h;
+        is_near.then(|| (0..3).map(|k| corners[k] * w[k]).sum())
+    }
+}
+
+/// The triangles of a sheet that the saw made, over all its vertices.
+pub fn sawn_part(sheet: &Sheet) -> TriMesh {
+    let is_sawn = |t: &&[u32; 3]| t.iter().all(|v| sheet.kerf[*v as usize] > 0.0);
+    TriMesh {
+        vertices: sheet.mesh.vertices.clone(),
+        triangles: sheet
+            .mesh
+            .triangles
+            .iter()
+            .filter(is_sawn)
+            .copied()
+            .collect(),
+    }
+}

@@ -1,0 +1,456 @@
+//! The volumes that the CSG takes out of the bone: the saw's slit, and the opened crack.
+//!
+//! The slit is the two sides of the explicit crack's sawn part, offset by the kerf; the opened crack lies between the two faces
+//! along which mechanics has parted the bone (the cut polygons of its tetrahedra), each moved by its own side's cells. There the
+//! displacement jumps, so both volumes fit the slit surface exactly, also where mechanics runs ahead of the explicit front and
+//! where a last ligament tore. Borders are closed.
+use super::anchored::{Anchor, SawCuts, Skin, piece_of, sawn_part, tet_at};
+use osteotome_mechanics::crack::{Cell, CrackedBody, Sheet};
+use osteotome_mechanics::geometry::{NO_TET, SignedDistance, TET_EDGES, TET_FACES, TriMesh, Vec3};
+use std::collections::{BTreeMap, HashMap};
+
+/// The sawn part of all sheets as closed volumes.
+pub fn kerf_skin(body: &CrackedBody) -> Skin {
+    let mut skin = Skin::default();
+    for sheet in &body.crack.sheets {
+        let sawn = sawn_part(sheet);
+        let normals = normals(&sawn);
+        let first = skin.anchors.len() as u32;
+        let n = sawn.vertices.len() as u32;
+        for side in [1.0, -1.0] {
+            for (v, p) in sawn.vertices.iter().enumerate() {
+                let out = normals[v] * side;
+                push_on_side(body, &mut skin, &(p + out * sheet.kerf[v]), &out);
+            }
+        }
+        for [a, b, c] in sawn.triangles.iter().map(|t| t.map(|v| v + first)) {
+            skin.triangles.extend([[a, b, c], [a + n, c + n, b + n]]);
+        }
+        for [p, q] in sawn.border_edges().iter().map(|e| e.map(|v| v + first)) {
+            skin.triangles.extend([[p + n, q + n, q], [p + n, q, p]]);
+        }
+    }
+    skin
+}
+
+/// The explicit crack beyond the saw's slit: where the bone broke. Triangles that would span two fragments are left out.
+pub fn broken_sheets(body: &CrackedBody) -> Skin {
+    let mut skin = Skin::default();
+    for sheet in &body.crack.sheets {
+        let normals = normals(&sheet.mesh);
+        let first = skin.anchors.len() as u32;
+        for (p, n) in sheet.mesh.vertices.iter().zip(&normals) {
+            push_on_side(body, &mut skin, p, n);
+        }
+        let broken = sheet.mesh.triangles.iter().filter(|t| !is_sawn(sheet, t));
+        let own = |t: &[u32; 3]| {
+            let pieces = t.map(|v| piece_of(body, skin.anchors[v as usize].cell));
+            pieces.iter().all(|p| *p == pieces[0])
+        };
+        let shown: Vec<[u32; 3]> = broken.map(|t| t.map(|v| v + first)).filter(own).collect();
+        skin.triangles.extend(shown);
+    }
+    skin
+}
+
+fn is_sawn(sheet: &Sheet, t: &[u32; 3]) -> bool {
+    t.iter().all(|v| sheet.kerf[*v as usize] > 0.0)
+}
+
+fn normals(mesh: &TriMesh) -> Vec<Vec3> {
+    let mut sums = vec![Vec3::zeros(); mesh.vertices.len()];
+    for (t, corners) in mesh.triangles.iter().enumerate() {
+        let n = mesh.area_normal(t);
+        corners.iter().for_each(|v| sums[*v as usize] += n);
+    }
+    let unit = |n: &Vec3| n.try_normalize(1e-12).unwrap_or_default();
+    sums.iter().map(unit).collect()
+}
+
+/// A vertex at `p` that moves with the side of the crack to which `side` looks.
+fn push_on_side(body: &CrackedBody, skin: &mut Skin, p: &Vec3, side: &Vec3) {
+    let (tet, weights) = tet_at(body, p);
+    let cell = body.topology.cell_towards(&body.solid.mesh, tet, p, side);
+    skin.push(Anchor { cell, weights }, p);
+}
+
+/// The opened crack.
+#[derive(Clone, Debug, Default)]
+pub struct GapSkin {
+    /// Vertices, and faces where the bone broke.
+    pub skin: Skin,
+    /// Faces within the saw's slit.
+    pub sawn: Vec<[u32; 3]>,
+    /// Triangles that close the border.
+    pub walls: Vec<[u32; 3]>,
+    /// For each vertex the one opposite, or itself, and the sum of undeformed area vectors into its own side.
+    pub opposite: Vec<(u32, Vec3)>,
+    /// Of each piece, the two cells and its undeformed area vector \[mm2\], which looks from the first to the second.
+    pub pieces: Vec<([u32; 2], Vec3)>,
+    /// The undeformed triangles along which each tetrahedron is parted, led on out of the bone.
+    pub parting: HashMap<u32, Vec<[Vec3; 3]>>,
+}
+
+/// Faces that have moved far against each other have lost this much bone each \[mm\]: crumbs, and the misfit of lips and walls
+/// that would else hang as threads between them. Reached where they have moved by [`WORN`] \[mm\].
+const CRUMBS: f64 = 0.4;
+const WORN: f64 = 2.0;
+
+impl GapSkin {
+    /// Where the vertices are.
+    pub fn positions(&self, moved: &[[Vec3; 4]]) -> Vec<[f32; 3]> {
+        let at = self.skin.positions(moved);
+        let apart = |(p, (other, into)): (&[f32; 3], &(u32, Vec3))| {
+            let p = Vec3::from(p.map(f64::from));
+            let way = p - Vec3::from(at[*other as usize].map(f64::from));
+            let lost = CRUMBS * (way.norm() / WORN).min(1.0);
+            let into = into.try_normalize(1e-12).unwrap_or_default();
+            (p + into * lost).cast::<f32>().into()
+        };
+        at.iter().zip(&self.opposite).map(apart).collect()
+    }
+}
+
+/// A point of the parting surface: on a cut edge, on a face between cut edges, in the middle of a tetrahedron; and the same led
+/// out of the bone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+enum Base {
+    Edge(u32),
+    /// By its nodes, ascending.
+    Face([u32; 3]),
+    Tet(u32),
+}
+
+/// A base point, and whether it is the one led out of the bone.
+type Point = (Base, bool);
+
+/// A piece of the parting surface between two cells of a tetrahedron; its normal looks from the first to the second.
+struct Piece {
+    cells: [u32; 2],
+    points: [Point; 4],
+    is_sawn: bool,
+}
+
+struct Parting<'a> {
+    body: &'a CrackedBody,
+    saw: SawCuts<'a>,
+    /// Undeformed positions, and the way out of the bone from there.
+    at: BTreeMap<Base, Vec3>,
+    on_slit: HashMap<Base, Option<Vec3>>,
+    way_out: HashMap<Base, Vec3>,
+    pieces: Vec<Piece>,
+    out: GapSkin,
+    vertices: HashMap<(Point, [u32; 4]), u32>,
+}
+
+/// The opened crack of a body whose true shape is `region`.
+pub fn gap_skin(body: &CrackedBody, region: &dyn SignedDistance) -> GapSkin {
+    let mut parting = Parting {
+        body,
+        saw: SawCuts::new(body),
+        at: BTreeMap::new(),
+        on_slit: HashMap::new(),
+        way_out: HashMap::new(),
+        pieces: Vec::new(),
+        out: GapSkin::default(),
+        vertices: HashMap::new(),
+    };
+    for t in 0..body.solid.mesh.tets().len() as u32 {
+        if body.topology.is_divided(t) {
+            parting.divide(t);
+        }
+    }
+    parting.seat();
+    parting.lead_out(region);
+    parting.emit();
+    parting.out
+}
+
+impl Parting<'_> {
+    /// The pieces in one tetrahedron: for each edge that parts, the quad of its crossing point, its two faces' middles and the
+    /// tetrahedron's.
+    fn divide(&mut self, t: u32) {
+        let (body, mesh) = (self.body, &self.body.solid.mesh);
+        let nodes = mesh.tets()[t as usize];
+        let range = body.topology.cells_of(t);
+        let cell_of = |k: usize| {
+            let holds = |c: &usize| body.topology.cells()[*c].mask >> k & 1 == 1;
+            range.clone().find(holds).unwrap_or(range.start) as u32
+        };
+        let cells = [0, 1, 2, 3].map(cell_of);
+        let edges = mesh.tet_edges()[t as usize];
+        let parted: Vec<usize> = (0..6)
+            .filter(|l| {
+                let [a, b] = TET_EDGES[*l];
+                cells[a] != cells[b] && body.cuts.is_cut(edges[*l])
+            })
+            .collect();
+        let crossing = |l: &usize| body.cuts.crossing_point(mesh, edges[*l]);
+        let middle = |list: &[usize]| list.iter().map(crossing).sum::<Vec3>() / list.len() as f64;
+        let centre = middle(&parted);
+        let is_sawn = self.saw.nearest(t, &centre).is_some();
+        self.put(t, Base::Tet(t), centre);
+        for &l in &parted {
+            let [a, b] = TET_EDGES[l];
+            let mut rest = (0..4).filter(|k| *k != a && *k != b);
+            let (c, d) = (rest.next().unwrap_or(0), rest.next().unwrap_or(0));
+            let (c, d) = if is_even([a, b, c, d]) {
+                (c, d)
+            } else {
+                (d, c)
+            };
+            let mut face = |e: usize| {
+                let mut ids = [a, b, e].map(|k| nodes[k]);
+                ids.sort_unstable();
+                // All cut edges of the face, so that the tetrahedron behind it finds the same middle.
+                let on_face = |l: &usize| {
+                    TET_EDGES[*l].iter().all(|k| [a, b, e].contains(k))
+                        && body.cuts.is_cut(edges[*l])
+                };
+                let cut: Vec<usize> = (0..6).filter(on_face).collect();
+                self.put(t, Base::Face(ids), middle(&cut));
+                Base::Face(ids)
+            };
+            let (fc, fd) = (face(c), face(d));
+            self.put(t, Base::Edge(edges[l]), crossing(&l));
+            let points = [Base::Edge(edges[l]), fc, Base::Tet(t), fd].map(|p| (p, false));
+            self.pieces.push(Piece {
+                cells: [cells[a], cells[b]],
+                points,
+                is_sawn,
+            });
+        }
+    }
+
+    /// Places a point, and notes where the saw's cut has it, if all its tetrahedra agree.
+    fn put(&mut self, tet: u32, base: Base, p: Vec3) {
+        self.at.entry(base).or_insert(p);
+        let foot = self.saw.nearest(tet, &p);
+        let noted = self.on_slit.entry(base).or_insert(foot);
+        *noted = noted.filter(|a| foot.is_some_and(|b| (a - b).norm() < 1e-6));
+    }
+
+    /// Moves points onto the saw's cut, so that no flake stays between them.
+    fn seat(&mut self) {
+        for (base, foot) in &self.on_slit {
+            if let (Some(p), Some(foot)) = (self.at.get_mut(base), foot) {
+                *p = *foot;
+            }
+        }
+    }
+
+    /// Border edges of the parting surface, as their piece runs through them.
+    fn borders(&self) -> Vec<(usize, [Point; 2])> {
+        let mut uses: HashMap<[Point; 2], u32> = HashMap::new();
+        let edges = |p: &Piece| [0, 1, 2, 3].map(|k| [p.points[k], p.points[(k + 1) % 4]]);
+        let key = |[a, b]: [Point; 2]| [a.min(b), a.max(b)];
+        for e in self.pieces.iter().flat_map(edges) {
+            *uses.entry(key(e)).or_default() += 1;
+        }
+        let of_piece = |(i, p): (usize, &Piece)| edges(p).map(|e| (i, e));
+        let all = self.pieces.iter().enumerate().flat_map(of_piece);
+        all.filter(|(_, e)| uses[&key(*e)] == 1).collect()
+    }
+
+    /// Leads the surface on where it ends at the simulation mesh's boundary, out of the true bone.
+    fn lead_out(&mut self, region: &dyn SignedDistance) {
+        let mut ends = Vec::new();
+        let mut outward: HashMap<Base, Vec3> = HashMap::new();
+        let mut across: HashMap<Base, (Vec3, f64)> = HashMap::new();
+        for (i, edge) in self.borders() {
+            let piece = &self.pieces[i];
+            let tet = self.body.topology.cells()[piece.cells[0] as usize].tet;
+            let Some(out) = edge
+                .iter()
+                .find_map(|p| boundary_normal(self.body, tet, p.0))
+            else {
+                continue;
+            };
+            let [a, b, c, _] = piece.points.map(|p| self.at[&p.0]);
+            let normal = (b - a).cross(&(c - a)).try_normalize(1e-12);
+            for p in edge {
+                *outward.entry(p.0).or_default() += out;
+                let (sum, n) = across.entry(p.0).or_default();
+                *sum += normal.unwrap_or_default();
+                *n += 1.0;
+            }
+            ends.push((i, edge));
+        }
+        for (base, out) in outward {
+            let out = out.try_normalize(1e-12).unwrap_or_default();
+            // In the surface's own plane, unless several meet there.
+            let (sum, n) = across[&base];
+            let normal = sum.try_normalize(0.9 * n).unwrap_or_default();
+            let within = (out - normal * out.dot(&normal)).try_normalize(1e-6);
+            let direction = within.filter(|d| d.dot(&out) > 0.4).unwrap_or(out);
+            let from = self.at[&base];
+            let h = self.body.solid.lengths.h;
+            // Beyond the true surface, and a little more.
+            let reach = (1..=10).map(|k| 0.15 * h * f64::from(k));
+            let mut clear = reach.filter(|s| region.signed(&(from + direction * *s)) > 0.05 * h);
+            let length = (clear.next().unwrap_or(0.3 * h) + 0.1 * h).max(0.6 * h);
+            self.way_out.insert(base, direction * length);
+        }
+        for (i, [p, q]) in ends {
+            let Piece { cells, is_sawn, .. } = self.pieces[i];
+            let points = [q, p, (p.0, true), (q.0, true)];
+            self.pieces.push(Piece {
+                cells,
+                points,
+                is_sawn,
+            });
+        }
+    }
+
+    /// Both faces of each piece, and walls along the border.
+    fn emit(&mut self) {
+        let borders = self.borders();
+        for i in 0..self.pieces.len() {
+            let [a, b] = [0, 1].map(|side| {
+                let piece = &self.pieces[i];
+                let (cell, points) = (piece.cells[side], piece.points);
+                points.map(|p| self.vertex(p, cell))
+            });
+            let Piece { cells, .. } = self.pieces[i];
+            let [p, q, r, s] = b.map(|v| Vec3::from(self.out.skin.rest[v as usize].map(f64::from)));
+            let area = 0.5 * (r - p).cross(&(s - q));
+            self.out.pieces.push((cells, area));
+            for (a, b) in a.into_iter().zip(b).filter(|(a, b)| a != b) {
+                for (v, other, into) in [(a, b, -area), (b, a, area)] {
+                    let (opposite, sum) = &mut self.out.opposite[v as usize];
+                    *opposite = other;
+                    *sum += into;
+                }
+            }
+            let tet = self.body.topology.cells()[cells[0] as usize].tet;
+            let parting = self.out.parting.entry(tet).or_default();
+            parting.extend([[p, q, r], [p, r, s]]);
+            let faces = [
+                [b[0], b[1], b[2]],
+                [b[0], b[2], b[3]],
+                [a[0], a[2], a[1]],
+                [a[0], a[3], a[2]],
+            ];
+            if self.pieces[i].is_sawn {
+                self.out.sawn.extend(faces);
+            } else {
+                self.out.skin.triangles.extend(faces);
+            }
+        }
+        for (i, [p, q]) in borders {
+            let [a, b] = self.pieces[i].cells;
+            let [pa, qa, pb, qb] = [(p, a), (q, a), (p, b), (q, b)].map(|(p, c)| self.vertex(p, c));
+            for t in [[pa, qa, qb], [pa, qb, pb]] {
+                if t[0] != t[1] && t[1] != t[2] && t[2] != t[0] {
+                    self.out.walls.push(t);
+                }
+            }
+        }
+        self.close();
+    }
+
+    /// A point as one cell moves it. Cells that move it alike share the vertex.
+    fn vertex(&mut self, point: Point, cell: u32) -> u32 {
+        let mesh = &self.body.solid.mesh;
+        let c: Cell = self.body.topology.cells()[cell as usize];
+        let nodes = mesh.tets()[c.tet as usize];
+        let jump = |n: u32| {
+            nodes
+                .iter()
+                .position(|m| *m == n)
+                .map_or(0, |k| c.enrichment[k])
+        };
+        let key = match point.0 {
+            Base::Edge(e) => {
+                let [a, b] = mesh.edges()[e as usize];
+                [jump(a), jump(b), 0, 0]
+            }
+            Base::Face([a, b, c]) => [jump(a), jump(b), jump(c), 0],
+            Base::Tet(_) => [cell, 0, 0, 1],
+        };
+        if let Some(known) = self.vertices.get(&(point, key)) {
+            return *known;
+        }
+        let way = if point.1 {
+            self.way_out.get(&point.0).copied()
+        } else {
+            None
+        };
+        let p = self.at[&point.0] + way.unwrap_or_default();
+        let weights = mesh.barycentric(c.tet as usize, &p);
+        let vertex = self.out.skin.push(Anchor { cell, weights }, &p);
+        self.vertices.insert((point, key), vertex);
+        self.out.opposite.push((vertex, Vec3::zeros()));
+        vertex
+    }
+
+    /// Fills what is still open: small holes where three or more pieces meet at the border.
+    fn close(&mut self) {
+        let all = self
+            .out
+            .skin
+            .triangles
+            .iter()
+            .chain(&self.out.sawn)
+            .chain(&self.out.walls);
+        for hole in holes(all) {
+            for k in 1..hole.len() - 1 {
+                self.out.walls.push([hole[0], hole[k], hole[k + 1]]);
+            }
+        }
+    }
+}
+
+/// Loops of edges that close a mesh, each in the sense its filling must have.
+fn holes<'a>(triangles: impl Iterator<Item = &'a [u32; 3]>) -> Vec<Vec<u32>> {
+    let mut open: BTreeMap<[u32; 2], i32> = BTreeMap::new();
+    for t in triangles {
+        for k in 0..3 {
+            let [a, b] = [t[k], t[(k + 1) % 3]];
+            *open.entry([a.min(b), a.max(b)]).or_default() += if a < b { 1 } else { -1 };
+        }
+    }
+    // What runs one way too often is to be run the other way.
+    let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for ([a, b], n) in open {
+        let (from, to) = if n > 0 { (b, a) } else { (a, b) };
+        (0..n.abs()).for_each(|_| next.entry(from).or_default().push(to));
+    }
+    let mut loops = Vec::new();
+    while let Some(start) = next.iter().find(|(_, to)| !to.is_empty()).map(|(v, _)| *v) {
+        let mut path = vec![start];
+        while let Some(v) = next.get_mut(&path[path.len() - 1]).and_then(Vec::pop) {
+            if let Some(k) = path.iter().position(|p| *p == v) {
+                loops.push(path.split_off(k));
+                path.push(v);
+                if k == 0 && next.get(&v).is_none_or(Vec::is_empty) {
+                    break;
+                }
+            } else {
+                path.push(v);
+            }
+        }
+    }
+    loops.retain(|l| l.len() > 2);
+    loops
+}
+
+/// Outward normal of the boundary face of `tet` that a face's middle lies on.
+fn boundary_normal(body: &CrackedBody, tet: u32, base: Base) -> Option<Vec3> {
+    let Base::Face(ids) = base else {
+        return None;
+    };
+    let mesh = &body.solid.mesh;
+    let nodes = mesh.tets()[tet as usize];
+    let k = (0..4).find(|k| !ids.contains(&nodes[*k]))?;
+    if mesh.neighbours()[tet as usize][k] != NO_TET {
+        return None;
+    }
+    let [a, b, c] = TET_FACES[k].map(|l| mesh.nodes()[nodes[l] as usize]);
+    (b - a).cross(&(c - a)).try_normalize(1e-12)
+}
+
+fn is_even(p: [usize; 4]) -> bool {
+    let swaps = (0..4).flat_map(|i| (i + 1..4).map(move |j| (i, j)));
+    swaps.filter(|(i, j)| p[*i] > p[*j]).count() % 2 == 0
+}

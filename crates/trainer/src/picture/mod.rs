@@ -1,0 +1,21 @@
+//! Pictures of a session: from a recording to the scene at any of its times, to the frame, to the file.
+//!
+//! [`Stage`] is the way in: it rebuilds the bone of any moment from the recording alone, also of a session in real time, which a
+//! recomputation would not repeat.
+mod anchored;
+mod bone_skin;
+mod crack_skin;
+mod look;
+mod print;
+mod props;
+mod restore;
+mod session_pictures;
+mod stage;
+#[cfg(test)]
+mod tests;
+mod views;
+
+pub use print::{Finish, StereoMode, Video, write_png};
+pub use session_pictures::write_pictures;
+pub use stage::Stage;
+pub use views::View;

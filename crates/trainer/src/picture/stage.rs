@@ -1,0 +1,326 @@
+//! The scene at any time of a session.
+use super::anchored::{Anchor, Skin, moved_cells, piece_of, tet_at};
+use super::bone_skin::{BoneSkin, Places, bone_skin};
+use super::crack_skin::{GapSkin, broken_sheets, gap_skin, kerf_skin};
+use super::props::{Prop, chisel, load};
+use super::restore::Restored;
+use super::{look, views::View};
+use crate::engine::Prepared;
+use crate::scenario::Scenario;
+use crate::session::{GrowthSample, HandSample, Recording};
+use anyhow::{Context, Result, bail};
+use osteotome_mechanics::crack::CrackedBody;
+use osteotome_mechanics::geometry::Vec3;
+use osteotome_mechanics::tool::{Chisel, ChiselParameters};
+use osteotome_render::{Kind, Material, Scene, scene::vertex_normals};
+
+/// A session ready to be looked at.
+pub struct Stage<'a> {
+    prepared: &'a Prepared,
+    recording: &'a Recording,
+    chisels: [Chisel; 2],
+    places: Places,
+    restored: Restored,
+    /// The skins of the generation last shown.
+    skins: Option<(usize, Skins)>,
+}
+
+/// All that moves with the bone, of one generation.
+struct Skins {
+    bone: BoneSkin,
+    kerf: Skin,
+    gap: GapSkin,
+    broken: Skin,
+    teeth: Skin,
+}
+
+/// What is to be seen at one moment.
+pub struct Moment {
+    /// When \[s\].
+    pub time: f64,
+    /// Load of each hand on the bone: force \[N\] and torque \[N mm\].
+    pub loads: [[f64; 2]; 2],
+    /// The meshes.
+    pub props: Vec<Prop>,
+    /// The latest growth.
+    pub growth: GrowthState,
+}
+
+/// The crack in figures.
+#[derive(Clone, Copy, Debug)]
+pub struct GrowthState {
+    /// Broken so far \[mm2\].
+    pub area: f64,
+    /// Whether the operated side has come off.
+    pub severed: bool,
+}
+
+impl Moment {
+    /// For the renderer.
+    pub fn scene(&self) -> Scene<'_> {
+        Scene {
+            meshes: self.props.iter().map(Prop::mesh).collect(),
+            background: look::BACKGROUND,
+        }
+    }
+}
+
+impl<'a> Stage<'a> {
+    /// From a recording and the bone built from its scenario.
+    ///
+    /// # Errors
+    /// A recording without the bone's states, or of another bone.
+    pub fn new(prepared: &'a Prepared, recording: &'a Recording) -> Result<Self> {
+        if recording.bone.is_empty() {
+            bail!("the bone's displacements are not recorded; record the session again");
+        }
+        let scenario = &recording.scenario.scenario;
+        let blade = |i: usize| {
+            let c = &scenario.tool[i].chisel;
+            Chisel::new(ChiselParameters {
+                width: c.width,
+                thickness: c.thickness,
+                bevel_deg: c.bevel_deg,
+                length: c.length,
+            })
+        };
+        let body = &prepared.bone.cracked;
+        Ok(Self {
+            chisels: [blade(0)?, blade(1)?],
+            places: Places::new(body, &prepared.patient.surface),
+            restored: Restored::new(body),
+            skins: None,
+            prepared,
+            recording,
+        })
+    }
+
+    /// The recording.
+    pub fn recording(&self) -> &Recording {
+        self.recording
+    }
+
+    /// A view's camera.
+    pub fn camera(&self, view: View, aspect: f64) -> osteotome_render::Camera {
+        view.camera(self.prepared, aspect)
+    }
+
+    /// The scene at `time` \[s\], or at the session's nearest end: hands of that step, the bone as last recorded before. All
+    /// fragments but the largest are moved `apart` \[mm\] along the mean normal of their broken faces.
+    ///
+    /// # Errors
+    /// A recording that does not fit the bone.
+    pub fn at(&mut self, time: f64, apart: f64) -> Result<Moment> {
+        let bones = &self.recording.bone;
+        let k = bones.partition_point(|b| b.time <= time + 1e-9);
+        let bone = &bones[k.saturating_sub(1)];
+        let generation = usize::try_from(bone.generation)?;
+        self.show(generation)?;
+        let body = self.restored.body();
+        if bone.x_um.len() != body.system.n() {
+            bail!(
+                "the bone at {:.2} s has {} unknowns, {} are recorded",
+                bone.time,
+                body.system.n(),
+                bone.x_um.len()
+            );
+        }
+        let x: Vec<f64> = bone.x_um.iter().map(|v| f64::from(*v) * 1e-3).collect();
+        let skins = self
+            .skins
+            .as_ref()
+            .map(|s| &s.1)
+            .context("no bone to show")?;
+        let mut moved = moved_cells(body, &x);
+        if apart > 0.0 {
+            take_apart(body, &skins.gap, apart, &mut moved);
+        }
+        let mut props = skins.props(&moved);
+        let growth = &self.recording.growth;
+        let scenario = &self.recording.scenario.scenario;
+        let step = (time / scenario.loops.dt()).round().max(0.0) as usize;
+        let mut loads = [[0.0; 2]; 2];
+        for (i, hands) in self.recording.hands.iter().enumerate() {
+            let hand = &hands[step.min(hands.len() - 1)];
+            let (force, torque) = load_on_bone(hand, scenario, i);
+            loads[i] = [force.norm(), torque.norm()];
+            props.extend(chisel(&self.chisels[i], &hand.tool_pose));
+            props.extend(load(look::LOADS[i], &hand.tool_pose, &force, &torque));
+        }
+        Ok(Moment {
+            time,
+            loads,
+            props,
+            growth: state_of(growth.get(generation)),
+        })
+    }
+
+    fn show(&mut self, generation: usize) -> Result<()> {
+        if self.skins.as_ref().is_some_and(|s| s.0 == generation) {
+            return Ok(());
+        }
+        self.restored.go_to(generation, &self.recording.growth)?;
+        let body = self.restored.body();
+        let patient = &self.prepared.patient;
+        let gap = gap_skin(body, &*self.prepared.bone.body.region.0);
+        let skins = Skins {
+            bone: bone_skin(body, &patient.surface, &self.places, &gap),
+            kerf: kerf_skin(body),
+            gap,
+            broken: broken_sheets(body),
+            teeth: teeth(body, self.prepared),
+        };
+        self.skins = Some((generation, skins));
+        Ok(())
+    }
+}
+
+/// Moves the cells of all fragments but the largest away from what they broke off.
+fn take_apart(body: &CrackedBody, gap: &GapSkin, apart: f64, moved: &mut [[Vec3; 4]]) {
+    let fragment = |c: usize| piece_of(body, c as u32) as usize;
+    let mut away = vec![Vec3::zeros(); body.fragments.volume_share.len()];
+    for ([a, b], normal) in &gap.pieces {
+        let [a, b] = [*a, *b].map(|c| fragment(c as usize));
+        if a != b {
+            away[b] += normal;
+            away[a] -= normal;
+        }
+    }
+    away[0] = Vec3::zeros();
+    for (c, nodes) in moved.iter_mut().enumerate() {
+        let way = away[fragment(c)].try_normalize(1e-9).unwrap_or_default() * apart;
+        nodes.iter_mut().for_each(|p| *p += way);
+    }
+}
+
+fn state_of(growth: Option<&GrowthSample>) -> GrowthState {
+    growth.map_or(
+        GrowthState {
+            area: 0.0,
+            severed: false,
+        },
+        |g| GrowthState {
+            area: g.area,
+            severed: g.severed,
+        },
+    )
+}
+
+/// What a hand does to the bone: the opposite of what its device displays, unscaled.
+fn load_on_bone(hand: &HandSample, scenario: &Scenario, i: usize) -> (Vec3, Vec3) {
+    let tool = &scenario.tool[i];
+    let unscaled = |v: Vec3, scale: f64| {
+        if scale > 0.0 {
+            -v / scale
+        } else {
+            Vec3::zeros()
+        }
+    };
+    (
+        unscaled(hand.wrench.force, tool.force_scale),
+        unscaled(hand.wrench.torque, tool.torque_scale),
+    )
+}
+
+/// Crowns, each carried by the tetrahedron under its neck.
+fn teeth(body: &CrackedBody, prepared: &Prepared) -> Skin {
+    let mut skin = Skin::default();
+    for tooth in &prepared.patient.teeth {
+        let surface = &tooth.surface;
+        let bounds = surface.bounds();
+        let low = bounds.min.z + 0.15 * bounds.extent().z;
+        let neck: Vec<&Vec3> = surface.vertices.iter().filter(|p| p.z <= low).collect();
+        let root = neck.iter().copied().sum::<Vec3>() / neck.len().max(1) as f64;
+        let (tet, weights) = tet_at(body, &root);
+        let cell = body.topology.cell_at(tet, &weights);
+        let first = skin.anchors.len() as u32;
+        for p in &surface.vertices {
+            let weights = body.solid.mesh.barycentric(tet as usize, p);
+            skin.push(Anchor { cell, weights }, p);
+        }
+        let triangles = surface.triangles.iter().map(|t| t.map(|v| v + first));
+        skin.triangles.extend(triangles);
+    }
+    skin
+}
+
+impl Skins {
+    fn props(&self, moved: &[[Vec3; 4]]) -> Vec<Prop> {
+        let bone = self.bone.skin.positions(moved);
+        let normals = vertex_normals(&bone, &self.bone.skin.triangles);
+        let mut props = vec![
+            prop(
+                Kind::Bone,
+                look::CORTICAL,
+                &self.bone.skin,
+                &self.bone.skin.triangles,
+                (&bone, &normals),
+            ),
+            prop(
+                Kind::Seam,
+                look::CORTICAL,
+                &self.bone.skin,
+                &self.bone.seams,
+                (&bone, &[]),
+            ),
+        ];
+        let kerf = self.kerf.positions(moved);
+        props.push(prop(
+            Kind::Kerf,
+            look::SAWN,
+            &self.kerf,
+            &self.kerf.triangles,
+            (&kerf, &[]),
+        ));
+        let gap = &self.gap;
+        let at = gap.positions(moved);
+        let faces: Vec<[u32; 3]> = [&gap.skin.triangles[..], &gap.sawn].concat();
+        let normals = vertex_normals(&at, &faces);
+        props.extend([
+            prop(
+                Kind::Gap,
+                look::BROKEN,
+                &gap.skin,
+                &gap.skin.triangles,
+                (&at, &normals),
+            ),
+            prop(Kind::Gap, look::SAWN, &gap.skin, &gap.sawn, (&at, &normals)),
+            prop(Kind::Gap, look::BROKEN, &gap.skin, &gap.walls, (&at, &[])),
+        ]);
+        let broken = self.broken.positions(moved);
+        props.push(prop(
+            Kind::Within,
+            look::CRACK,
+            &self.broken,
+            &self.broken.triangles,
+            (&broken, &[]),
+        ));
+        let teeth = self.teeth.positions(moved);
+        let normals = vertex_normals(&teeth, &self.teeth.triangles);
+        props.push(prop(
+            Kind::Solid,
+            look::TOOTH,
+            &self.teeth,
+            &self.teeth.triangles,
+            (&teeth, &normals),
+        ));
+        props
+    }
+}
+
+fn prop(
+    kind: Kind,
+    material: Material,
+    skin: &Skin,
+    triangles: &[[u32; 3]],
+    (positions, normals): (&[[f32; 3]], &[[f32; 3]]),
+) -> Prop {
+    Prop {
+        kind,
+        material,
+        positions: positions.to_vec(),
+        rest: skin.rest.clone(),
+        normals: normals.to_vec(),
+        triangles: triangles.to_vec(),
+    }
+}

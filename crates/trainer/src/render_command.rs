@@ -1,0 +1,98 @@
+//! `render`: pictures and films of a recorded session.
+use crate::cli::{Failure, RenderArgs};
+use crate::commands;
+use crate::picture::{Finish, Stage, Video, write_png};
+use crate::session::Recording;
+use crate::talk::{self, Progress};
+use anyhow::{Context, Result, anyhow, bail};
+use std::path::Path;
+
+/// A picture at one time, or a film of the whole session.
+pub fn render(args: &RenderArgs) -> Result<(), Failure> {
+    let recording = Recording::read(&args.session).map_err(Failure::Input)?;
+    let scenario = &recording.scenario.scenario;
+    let seconds = recording.seconds(scenario);
+    if let Some(at) = args.at
+        && !(0.0..=seconds).contains(&at)
+    {
+        return Err(Failure::Input(anyhow!(
+            "--at {at}: the session lasts {seconds:.2} s; give a time within it"
+        )));
+    }
+    let output = args.output.as_deref().or(args.video.as_deref());
+    output.map_or(Ok(()), check_place).map_err(Failure::Input)?;
+    if args.video.is_some() && args.size.iter().any(|n| n % 2 == 1) {
+        let [w, h] = args.size;
+        return Err(Failure::Input(anyhow!(
+            "--size {w}x{h}: a film needs even numbers"
+        )));
+    }
+    let film = args
+        .video
+        .as_deref()
+        .map(|path| Video::start(path, args.size));
+    let film = film.transpose().map_err(Failure::Work)?;
+    let prepared = commands::prepare(scenario)?;
+    if prepared.digest != recording.scenario.patient_digest {
+        return Err(Failure::Input(anyhow!(
+            "{}: the bone built from its scenario is not the one recorded; its files have changed",
+            args.session.display()
+        )));
+    }
+    let named = || args.session.display().to_string();
+    let mut stage = Stage::new(&prepared, &recording)
+        .with_context(named)
+        .map_err(Failure::Input)?;
+    let work = match film {
+        Some(film) => shoot(&mut stage, args, film, seconds),
+        None => picture(&mut stage, args),
+    };
+    work.with_context(named).map_err(Failure::Work)
+}
+
+fn finish(args: &RenderArgs) -> Finish {
+    Finish {
+        size: args.size,
+        is_transparent: args.transparent,
+        stereo: args.stereo,
+    }
+}
+
+fn picture(stage: &mut Stage, args: &RenderArgs) -> Result<()> {
+    let (Some(at), Some(path)) = (args.at, &args.output) else {
+        bail!("--at and -o go together");
+    };
+    let moment = stage.at(at, args.apart)?;
+    let camera = stage.camera(args.view, args.size[0] as f64 / args.size[1] as f64);
+    write_png(path, &finish(args).print(&moment, &camera, ""))?;
+    talk::say(&format!("Picture: {}", path.display()));
+    Ok(())
+}
+
+fn shoot(stage: &mut Stage, args: &RenderArgs, mut film: Video, seconds: f64) -> Result<()> {
+    let n = (seconds * f64::from(Video::RATE)).ceil().max(1.0) as u64;
+    let camera = stage.camera(args.view, args.size[0] as f64 / args.size[1] as f64);
+    let mut bar = Progress::new("Filming", n);
+    for k in 0..n {
+        let time = k as f64 / f64::from(Video::RATE);
+        let moment = stage.at(time.min(seconds), args.apart)?;
+        film.push(&finish(args).print(&moment, &camera, ""))?;
+        bar.set(k + 1, format!("{time:.1} s"));
+    }
+    film.finish()?;
+    bar.done();
+    talk::say(&format!("Film of {n} frames."));
+    Ok(())
+}
+
+/// Whether a file can be written there.
+fn check_place(path: &Path) -> Result<()> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+    if folder.is_some_and(|f| !f.is_dir()) || path.is_dir() {
+        bail!(
+            "{}: no file can be written there; give one in a folder that exists",
+            path.display()
+        );
+    }
+    Ok(())
+}
