@@ -248,7 +248,10 @@ fn session(
         )?;
         let metrics = recorder.finish()?;
         folder.write("metrics.json", &json(&metrics)?)?;
-        pictures(prepared, folder.path())?;
+        // A session is worth keeping without its pictures.
+        if let Err(error) = pictures(prepared, folder.path()) {
+            talk::complain(&error);
+        }
         Ok(metrics)
     };
     let metrics = work()
