@@ -57,6 +57,17 @@ impl std::ops::Add for Wrench {
     }
 }
 
+impl std::ops::Mul<f64> for Wrench {
+    type Output = Self;
+
+    fn mul(self, by: f64) -> Self {
+        Self {
+            force: self.force * by,
+            torque: self.torque * by,
+        }
+    }
+}
+
 impl std::ops::Neg for Wrench {
     type Output = Self;
     fn neg(self) -> Self {

@@ -70,6 +70,38 @@ fn clamped(v: Vec3, max: f64) -> Vec3 {
     if length > max { v * (max / length) } else { v }
 }
 
+/// A wrench reaches the hand a step after the pose it answers was read, and stands for a step: one and a half in the middle. By
+/// then a moving hand is elsewhere, and a spring that answers late gives back more than was put in. So the wrench is led by its own slope.
+const LEAD: f64 = 2e-3; // s
+/// The slope is smoothed over this time, else the steps of the encoders would be felt \[s\].
+const SMOOTHING: f64 = 2e-3;
+
+/// A pull and how fast it changes, for one hand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Pull {
+    now: Wrench,
+    /// \[N/s, N mm/s\]
+    slope: Wrench,
+}
+
+impl Pull {
+    const NONE: Self = Self {
+        now: Wrench::ZERO,
+        slope: Wrench::ZERO,
+    };
+
+    /// Takes in the next pull; where it will be by the time it is felt.
+    fn led(&mut self, pull: &Wrench, dt: f64) -> Wrench {
+        if dt > 0.0 {
+            let share = dt / (dt + SMOOTHING);
+            let steepness = (*pull + -self.now) * (1.0 / dt);
+            self.slope = self.slope * (1.0 - share) + steepness * share;
+        }
+        self.now = *pull;
+        *pull + self.slope * LEAD
+    }
+}
+
 /// What is constant over all haptic steps.
 #[derive(Clone, Debug)]
 pub struct HapticModel {
@@ -127,6 +159,7 @@ pub struct HapticState {
     tools: ToolsState,
     anchors: [Anchors; 2],
     scratch: ToolScratch,
+    pull: [Pull; 2],
     last: [Wrench; 2],
     fault: Option<HapticFault>,
 }
@@ -138,6 +171,7 @@ impl HapticState {
             tools: ToolsState { poses },
             anchors: [Anchors::with_capacity(n_ids), Anchors::with_capacity(n_ids)],
             scratch: ToolScratch::new(limits),
+            pull: [Pull::NONE; 2],
             last: [Wrench::ZERO; 2],
             fault: None,
         }
@@ -147,6 +181,7 @@ impl HapticState {
     pub fn reset(&mut self, poses: [Pose; 2]) {
         self.tools = ToolsState { poses };
         self.anchors.iter_mut().for_each(Anchors::let_go);
+        self.pull = [Pull::NONE; 2];
         self.last = [Wrench::ZERO; 2];
         self.fault = None;
     }
@@ -198,8 +233,9 @@ pub fn haptic_step(
     }
     state.scratch.commit(&mut state.anchors);
     let bone = result.coupling.map(|w| -w);
-    for ((told, limits), pull) in state.last.iter_mut().zip(&model.limits).zip(&bone) {
-        *told = limits.output(pull, told, input.dt);
+    for t in 0..2 {
+        let led = state.pull[t].led(&bone[t], input.dt);
+        state.last[t] = model.limits[t].output(&led, &state.last[t], input.dt);
     }
     HapticOutput {
         device: state.last,
