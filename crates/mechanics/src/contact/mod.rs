@@ -21,5 +21,5 @@ pub use response::{
 };
 pub(crate) use rigid_shape::SIDE_DEPTH;
 pub use rigid_shape::{RigidShape, SurfaceSample};
-pub use shape_pair::{PairResponse, respond_pair};
+pub use shape_pair::{PairResponse, add_static, respond_pair};
 pub use wrench::{Matrix6, Vector6, Wrench};

@@ -247,7 +247,7 @@ impl NearCells {
         let shape_from_world = world_from_shape.inverse();
         let margin = reach_beyond(shape);
         for slice in slices(&shape.bounds) {
-            let query = box_in_world(&slice, world_from_shape).grown(margin.into());
+            let query = slice.moved(world_from_shape).grown(margin.into());
             volumes.query(&query, |c, volume| {
                 let seen = stamps.get_mut(c as usize).is_none_or(|s| {
                     let seen = *s == stamp;
@@ -287,16 +287,6 @@ fn slices(bounds: &Aabb) -> [Aabb; SLICES] {
         slice.max[axis] = slice.min[axis] + length;
         slice
     })
-}
-
-fn box_in_world(b: &Aabb, world_from_shape: &Pose) -> Aabb {
-    let centre = (world_from_shape * nalgebra::Point3::from(b.centre())).coords;
-    let turn = world_from_shape.rotation.to_rotation_matrix();
-    let half = turn.matrix().abs() * (b.extent() * 0.5);
-    Aabb {
-        min: centre - half,
-        max: centre + half,
-    }
 }
 
 fn cell_is_away(shape: &RigidShape, m: &Matrix3x4<f32>, overhang: f32) -> bool {

@@ -1,5 +1,6 @@
 use super::{ContactLaw, RigidShape, SurfaceSample, Vector6, Wrench};
-use crate::geometry::{Aabb, Pose, Vec3};
+use crate::geometry::{DistanceGrid, DistanceSample, Pose, Vec3};
+use std::sync::Arc;
 
 type Vector12 = nalgebra::SVector<f64, 12>;
 type Matrix12 = nalgebra::SMatrix<f64, 12, 12>;
@@ -13,8 +14,10 @@ pub struct PairResponse {
     pub energy: f64,
     /// Minus the derivative of both wrenches by both motions: symmetric, not negative.
     pub stiffness: Matrix12,
-    /// How many samples touch.
+    /// How many samples of the shapes touch the other shape.
     pub n_contacts: usize,
+    /// How many samples of each shape touch what stands still.
+    pub n_static: [usize; 2],
 }
 
 impl PairResponse {
@@ -24,7 +27,28 @@ impl PairResponse {
         energy: 0.0,
         stiffness: Matrix12::from_array_storage(nalgebra::ArrayStorage([[0.0; 12]; 12])),
         n_contacts: 0,
+        n_static: [0; 2],
     };
+
+    /// A sample of shape `t` at `lever` from its origin inside something that stands still.
+    fn push_back(&mut self, t: usize, lever: &Vec3, found: &DistanceSample, stiffness: f64) {
+        let out = Vec3::from(found.gradient.map(f64::from));
+        let depth = -f64::from(found.distance);
+        let moment = lever.cross(&out);
+        let mut j = Vector12::zeros();
+        j.fixed_rows_mut::<3>(6 * t).copy_from(&out);
+        j.fixed_rows_mut::<3>(6 * t + 3).copy_from(&moment);
+        let own: Vector6 = j.fixed_rows::<6>(6 * t) * (stiffness * depth);
+        self.wrenches[t] = self.wrenches[t] + Wrench::from_vector(&own);
+        self.energy += 0.5 * stiffness * depth * depth;
+        self.stiffness.ger(stiffness, &j, &j, 1.0);
+        self.n_static[t] += 1;
+    }
+
+    /// Whether anything touches.
+    pub fn touches(&self) -> bool {
+        self.n_contacts > 0 || self.n_static != [0; 2]
+    }
 }
 
 /// Penalty between two shapes without friction: samples of each against the distance field of the other, half the
@@ -50,17 +74,37 @@ pub fn respond_pair(
     response
 }
 
+/// Adds the penalty between the shapes and what stands still around the bone: their samples against distance fields in world axes.
+pub fn add_static(
+    response: &mut PairResponse,
+    shapes: [&RigidShape; 2],
+    world_from_shape: &[Pose; 2],
+    surroundings: &[Arc<DistanceGrid>],
+    law: &ContactLaw,
+) {
+    for (t, shape) in shapes.into_iter().enumerate() {
+        let pose = &world_from_shape[t];
+        let around = shape.bounds.moved(pose);
+        for field in surroundings.iter().filter(|f| around.overlaps(f.bounds())) {
+            for sample in &shape.samples {
+                let position = (pose * nalgebra::Point3::from(sample.position)).coords;
+                let Some(found) = field.look_up([0, 1, 2].map(|k| position[k] as f32)) else {
+                    continue;
+                };
+                if found.distance < 0.0 {
+                    let lever = position - pose.translation.vector;
+                    let stiffness = law.stiffness() * sample.area;
+                    response.push_back(t, &lever, &found, stiffness);
+                }
+            }
+        }
+    }
+}
+
 /// Whether the box of the second shape misses that of the first, in the first's frame.
 fn apart(shapes: [&RigidShape; 2], world_from_shape: &[Pose; 2]) -> bool {
     let first_from_second = world_from_shape[0].inv_mul(&world_from_shape[1]);
-    let b = &shapes[1].bounds;
-    let centre = (first_from_second * nalgebra::Point3::from(b.centre())).coords;
-    let turn = first_from_second.rotation.to_rotation_matrix();
-    let half = turn.matrix().abs() * (b.extent() * 0.5);
-    let moved = Aabb {
-        min: centre - half,
-        max: centre + half,
-    };
+    let moved = shapes[1].bounds.moved(&first_from_second);
     !moved.overlaps(&shapes[0].bounds)
 }
 

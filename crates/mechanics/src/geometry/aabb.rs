@@ -1,4 +1,4 @@
-use super::Vec3;
+use super::{Pose, Vec3};
 
 /// An axis-aligned box \[mm\]; empty until something is added.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,6 +23,17 @@ impl Aabb {
             bounds.add(p);
         }
         bounds
+    }
+
+    /// The box around this one after a rigid motion.
+    pub fn moved(&self, motion: &Pose) -> Self {
+        let centre = (motion * nalgebra::Point3::from(self.centre())).coords;
+        let turn = motion.rotation.to_rotation_matrix();
+        let half = turn.matrix().abs() * (self.extent() * 0.5);
+        Self {
+            min: centre - half,
+            max: centre + half,
+        }
     }
 
     /// Whether all of another box lies inside.

@@ -224,6 +224,7 @@ mod tests {
         ToolModel {
             tools: [tool(), tool()],
             law: ContactLaw::default(),
+            surroundings: Vec::new(),
         }
     }
 

@@ -2,9 +2,11 @@ use super::bone_compliance::{Carried, Held, hold, shifted};
 use super::{BoneCompliance, Coupling, Matrix12, Vector12, bounded_step};
 use crate::contact::{
     Anchors, Contact, ContactLaw, ContactScene, NearPoints, PairResponse, PointForce, Response,
-    RigidShape, Vector6, Wrench, append_point_forces, penetrations, respond, respond_pair,
+    RigidShape, Vector6, Wrench, add_static, append_point_forces, penetrations, respond,
+    respond_pair,
 };
-use crate::geometry::Pose;
+use crate::geometry::{DistanceGrid, Pose};
+use std::sync::Arc;
 
 /// One tool; constant.
 #[derive(Clone, Debug)]
@@ -22,6 +24,8 @@ pub struct ToolModel {
     pub tools: [Tool; 2],
     /// Between steel and bone, and steel and steel.
     pub law: ContactLaw,
+    /// What stands still around the bone (upper jaw, skull): distance fields in world axes.
+    pub surroundings: Vec<Arc<DistanceGrid>>,
 }
 
 /// Bounds of one solve.
@@ -96,6 +100,8 @@ pub struct ToolsResult {
     pub n_contacts: [usize; 2],
     /// Samples of one tool inside the other.
     pub n_pair_contacts: usize,
+    /// Samples of each tool inside what stands still.
+    pub n_static_contacts: [usize; 2],
     /// Bone points that found no room: the limits of the scratch were too small.
     pub n_dropped: usize,
     /// Energy of all penalties \[N mm\].
@@ -113,6 +119,7 @@ impl ToolsResult {
         iterations: 0,
         n_contacts: [0; 2],
         n_pair_contacts: 0,
+        n_static_contacts: [0; 2],
         n_dropped: 0,
         contact_energy: 0.0,
     };
@@ -270,7 +277,7 @@ impl<'a> Solve<'a> {
 
     /// One step of the trust region; false once there is nothing left to do.
     fn advance(&mut self) -> bool {
-        let touching = self.bone.is_some() || self.scratch.pair.n_contacts > 0;
+        let touching = self.bone.is_some() || self.scratch.pair.touches();
         let rest = [0, 1].map(|t| self.at_rest(t));
         let idle = if touching {
             [rest[0] && rest[1]; 2]
@@ -301,7 +308,7 @@ impl<'a> Solve<'a> {
         };
         let held = self.hold(&[pose(0), pose(1)]);
         let pair = self.pair_at(&held.poses);
-        let together = self.bone.is_some() || self.scratch.pair.n_contacts + pair.n_contacts > 0;
+        let together = self.bone.is_some() || self.scratch.pair.touches() || pair.touches();
         let active = idle.map(|i| !i);
         let taken = if together {
             [self.judge(active, step, &held, Some(&pair)); 2]
@@ -480,7 +487,10 @@ impl<'a> Solve<'a> {
 
     fn pair_at(&self, poses: &[Pose; 2]) -> PairResponse {
         let [a, b] = &self.model.tools;
-        respond_pair([&a.shape, &b.shape], poses, &self.model.law)
+        let (shapes, law) = ([&a.shape, &b.shape], &self.model.law);
+        let mut response = respond_pair(shapes, poses, law);
+        add_static(&mut response, shapes, poses, &self.model.surroundings, law);
+        response
     }
 
     fn result(&self, iterations: usize) -> ToolsResult {
@@ -495,6 +505,7 @@ impl<'a> Solve<'a> {
             iterations,
             n_contacts: [0, 1].map(|t| s.now[t].contacts.len()),
             n_pair_contacts: s.pair.n_contacts,
+            n_static_contacts: s.pair.n_static,
             n_dropped: s.near.iter().map(NearPoints::n_dropped).sum(),
             contact_energy: each(&|e| e.response.energy) + s.pair.energy,
         }

@@ -81,6 +81,7 @@ pub fn model(friction: f64) -> ToolModel {
     ToolModel {
         tools: [tool(660.0), tool(1_700.0)],
         law: ContactLaw::new(500.0, friction).unwrap(),
+        surroundings: Vec::new(),
     }
 }
 

@@ -4,10 +4,12 @@ mod haptic;
 mod main;
 mod prepare;
 mod propagation;
+mod surroundings;
 
 pub use prepare::{Prepared, prepare};
 #[cfg(test)]
 pub use propagation::cut_since;
+pub use surroundings::Surrounding;
 
 use crate::loops::{Parts, latest};
 use crate::scenario::{Scenario, Tool};
@@ -34,7 +36,9 @@ struct HandsView {
 /// # Errors
 /// A number of the scenario that the mechanics refuses.
 pub fn connect(prepared: &Prepared, scenario: &Scenario, start: [Pose; 2]) -> Result<Engine> {
-    let tools = tool_model(scenario)?;
+    let mut tools = tool_model(scenario)?;
+    let fields = prepared.surroundings.iter().filter_map(|s| s.field.clone());
+    tools.surroundings = fields.collect();
     let bone = &prepared.bone;
     let state = bone.at_rest();
     let (bone_view_tx, bone_view_rx) = latest(&BoneView::new(bone, &state));
@@ -83,6 +87,7 @@ pub fn tool_model(scenario: &Scenario) -> Result<ToolModel> {
     Ok(ToolModel {
         tools: [tool(0)?, tool(1)?],
         law: ContactLaw::new(scenario.contact.stiffness, scenario.contact.friction)?,
+        surroundings: Vec::new(),
     })
 }
 

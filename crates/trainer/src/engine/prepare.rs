@@ -1,4 +1,5 @@
 //! A scenario made into a bone with its saw cuts.
+use super::surroundings::{Surrounding, surroundings};
 use crate::scenario::{self, Scenario};
 use crate::surgeon::{Mark, SplitLine};
 use anyhow::{Context, Result, anyhow};
@@ -23,6 +24,8 @@ pub struct Prepared {
     pub bone: Arc<Bone>,
     /// The pre-sawn line, for the surgeon.
     pub line: SplitLine,
+    /// What stands still around the jaw.
+    pub surroundings: Vec<Surrounding>,
     /// Digest of the patient.
     pub digest: String,
 }
@@ -47,7 +50,9 @@ const OUTSIDE: f64 = 2.0;
 /// # Errors
 /// One line for whatever is wrong with the scenario's files and numbers.
 pub fn prepare(s: &Scenario, progress: &mut dyn FnMut(&str, f64)) -> Result<Prepared> {
-    let patient = Patient::build(&patient_spec(s), progress)?;
+    let mut patient = Patient::build(&patient_spec(s), progress)?;
+    let marks = (patient.osteotomy.parts.iter()).flat_map(|p| p.points.iter().map(|m| m.at));
+    let surroundings = surroundings(&s.patient.context, marks, &mut patient.notes)?;
     let line = split_line(&patient.osteotomy)?;
     let body = body(s, &patient);
     let cuts = saw_cuts(&patient, body.lengths.overshoot());
@@ -56,6 +61,7 @@ pub fn prepare(s: &Scenario, progress: &mut dyn FnMut(&str, f64)) -> Result<Prep
         digest: format!("{:016x}", patient.digest()),
         bone: Arc::new(bone),
         line,
+        surroundings,
         patient,
     })
 }

@@ -86,6 +86,24 @@ pub struct Patient {
     /// A closed surface.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface: Option<PathBuf>,
+    /// What stands still around the jaw.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub context: Vec<Context>,
+}
+
+/// A surface around the jaw: seen, and touched by the tools if it is closed.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Context {
+    /// An STL file.
+    pub surface: PathBuf,
+    /// What it is: maxilla, teeth, skull, soft tissue, retractor.
+    #[serde(default = "anything")]
+    pub role: String,
+}
+
+fn anything() -> String {
+    "context".to_owned()
 }
 
 /// Sizes of the parametric mandible.

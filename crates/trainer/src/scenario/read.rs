@@ -258,6 +258,9 @@ impl<P: Fn(&str) -> String> Checks<'_, P> {
                 (self.place)("patient.directory")
             );
         }
+        for (i, c) in p.context.iter().enumerate() {
+            self.existing(&format!("patient.context.{i}.surface"), Some(&c.surface))?;
+        }
         self.existing("patient.surface", p.surface.as_deref())
     }
 

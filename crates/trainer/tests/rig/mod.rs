@@ -87,8 +87,8 @@ pub struct Handle {
     velocity: Vec3,
     spin: Vec3,
     target: Pose,
-    /// Shown now, and waiting to be shown.
-    shown: [Wrench; 2],
+    /// Shown now: what was computed from the reading a step ago.
+    shown: Wrench,
     /// Done by the loop on the hand, its largest value, and done by the hand's muscles forwards \[N mm\].
     pub work: f64,
     pub created: f64,
@@ -105,7 +105,7 @@ impl Handle {
             velocity: Vec3::zeros(),
             spin: Vec3::zeros(),
             target: pose,
-            shown: [Wrench::ZERO; 2],
+            shown: Wrench::ZERO,
             work: 0.0,
             created: 0.0,
             put_in: 0.0,
@@ -121,7 +121,7 @@ impl Handle {
         Pose::from_parts(at.into(), UnitQuaternion::from_scaled_axis(turn))
     }
 
-    /// One step of the loop towards `target`, at whose end `wrench` comes into the queue.
+    /// One step towards `target` under the last wrench; `wrench`, computed from the last reading, is shown from its end on.
     pub fn advance(&mut self, target: Pose, wrench: Wrench) {
         let before = self.target;
         let dt = DT / f64::from(SUBSTEPS);
@@ -134,7 +134,7 @@ impl Handle {
             self.rotate(before.rotation, aim_spin, share, dt);
         }
         self.target = target;
-        self.shown = [self.shown[1], wrench];
+        self.shown = wrench;
     }
 
     fn translate(&mut self, goal: Vec3, aim: Vec3, dt: f64) {
@@ -144,7 +144,7 @@ impl Handle {
         let muscles = (goal - self.pose.translation.vector) * (1e-3 * hand.stiffness)
             + (aim - v) * (1e-3 * hand.damping);
         let rub = v * (1e-3 * device.damping) + v * (device.friction / (v.norm() + CREEP));
-        let shown = self.shown[0].force;
+        let shown = self.shown.force;
         self.velocity += (muscles + shown - rub) * (1e3 * dt / (hand.mass + device.mass));
         let way = self.velocity * dt;
         self.pose.translation.vector += way;
@@ -161,7 +161,7 @@ impl Handle {
         let goal = UnitQuaternion::from_scaled_axis(aim * (share * DT)) * before;
         let turn = (goal * self.pose.rotation.inverse()).scaled_axis();
         let muscles = turn * STIFFNESS + (aim - self.spin) * DAMPING;
-        let shown = self.shown[0].torque * 1e-3;
+        let shown = self.shown.torque * 1e-3;
         self.spin += (muscles + shown) * (dt / INERTIA);
         let way = self.spin * dt;
         self.pose.rotation = UnitQuaternion::from_scaled_axis(way) * self.pose.rotation;
@@ -293,6 +293,7 @@ impl Rig {
                 tools: ToolModel {
                     tools: [tool.clone(), tool],
                     law: ContactLaw::new(4000.0, 0.3).unwrap(),
+                    surroundings: Vec::new(),
                 },
                 settings: SolveSettings::HAPTIC,
                 limits: [limits.checked().unwrap(); 2],
