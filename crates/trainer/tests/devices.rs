@@ -168,8 +168,11 @@ fn is_long() -> bool {
     std::env::var_os("OSTEOTOME_LONG").is_some()
 }
 
-/// The surgeon's session in lockstep, and both hands' motion as their devices' poses up to the break. There they stay: in real
-/// time the crack may need longer to get so far.
+/// Played so many times slower than in lockstep, where the crack grows in no time.
+const SLOWNESS: usize = 4;
+
+/// The surgeon's session in lockstep, and both hands' motion as their devices' poses up to the break and a little on. There they
+/// stay: in real time the crack may need longer to get so far.
 fn surgeons_hands(folder: &Path) -> [Vec<Isometry3<f64>>; 2] {
     let args = ["run", SCENARIO, "--out", "surgeon", "--json"];
     let metrics = json(&osteotome(folder, &[], &args));
@@ -198,8 +201,26 @@ fn surgeons_hands(folder: &Path) -> [Vec<Isometry3<f64>>; 2] {
             let moved = p.translation.vector - start.translation.vector;
             Isometry3::from_parts(moved.into(), p.rotation * start.rotation.inverse())
         };
-        poses.iter().take(n_steps).map(relative).collect()
+        let slowly = |p| std::iter::repeat_n(relative(p), SLOWNESS);
+        going_on(&poses[..n_steps])
+            .iter()
+            .flat_map(slowly)
+            .collect()
     })
+}
+
+/// The poses, and the last .3 s of motion three times more: in real time the crack may ask for more than in lockstep.
+fn going_on(poses: &[Isometry3<f64>]) -> Vec<Isometry3<f64>> {
+    const STEPS: usize = 300;
+    let [before, last] = [poses[poses.len() - 1 - STEPS], poses[poses.len() - 1]];
+    let moved = last.translation.vector - before.translation.vector;
+    let turned = last.rotation * before.rotation.inverse();
+    let further = (1..=3 * STEPS).map(|i| {
+        let share = i as f64 / STEPS as f64;
+        let place = last.translation.vector + moved * share;
+        Isometry3::from_parts(place.into(), turned.powf(share) * last.rotation)
+    });
+    poses.iter().copied().chain(further).collect()
 }
 
 fn split_by(
@@ -388,11 +409,16 @@ fn the_python_client_drives_a_whole_split() {
     });
     let _client = python(folder, &led);
     let devices = [0, 1].map(|i| format!("remote:{}", ports[i]));
-    let (metrics, _) = split_by(
+    let (metrics, events) = split_by(
         folder,
         &[],
         devices.each_ref().map(String::as_str),
         length(&hands) + PATIENCE,
     );
-    assert_eq!(metrics["split"]["complete"], true, "{metrics}");
+    assert_eq!(
+        metrics["split"]["complete"],
+        true,
+        "{} events, {metrics}",
+        events.len()
+    );
 }

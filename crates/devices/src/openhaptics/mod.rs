@@ -299,10 +299,11 @@ fn look_after(stand: &'static Stand, scheduled: c_ulong, is_over: &AtomicBool) {
     }
     stand.hd.stop_scheduler();
     stand.hd.unschedule(scheduled);
-    arms()
-        .iter()
-        .filter(|a| !a.is_lost())
-        .for_each(|a| stand.hd.disable(a.handle));
+    let mut arms = arms();
+    let opened = arms.iter().filter(|a| !a.is_lost());
+    opened.for_each(|a| stand.hd.disable(a.handle));
+    // What is left of the stand stays for good: the vendor's thread may hold its address.
+    arms.clear();
 }
 
 /// Of the current device. Its own limits, but never more than its model is known to bear.

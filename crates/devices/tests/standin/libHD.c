@@ -7,6 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <time.h>
 #include "script.h"
 
@@ -140,6 +141,7 @@ void hdUpdateCalibration(uint32_t style) {
 static void *run(void *unused) {
     (void)unused;
     struct timespec t;
+    setpriority(PRIO_PROCESS, (id_t)gettid(), -20); /* as the vendor's scheduler; without the right to it, as it is */
     clock_gettime(CLOCK_MONOTONIC, &t);
     while (__atomic_load_n(&running, __ATOMIC_ACQUIRE)) {
         t.tv_nsec += 1000000;
