@@ -2,11 +2,12 @@
 mod support;
 
 use osteotome_mechanics::contact::Anchors;
-use osteotome_mechanics::geometry::{Pose, Vec3};
+use osteotome_mechanics::geometry::{Aabb, DistanceGrid, Pose, Vec3};
 use osteotome_mechanics::tool::{
     ScratchLimits, SolveSettings, ToolInput, ToolModel, ToolScratch, ToolsResult, ToolsState,
     evaluate_contacts, solve_tools,
 };
+use std::sync::Arc;
 use support::{Block, aside, downward, model, moved, noise};
 
 struct Rig {
@@ -205,4 +206,29 @@ fn a_pose_that_is_not_finite_moves_nothing() {
     bad.translation.vector.x = f64::NAN;
     rig.step([at(1.0, -0.5), bad]);
     assert_eq!(rig.state.poses[1], before.poses[1]);
+}
+
+/// A ball that stands still holds a chisel as a spring k A d would, and only the chisel that touches it.
+#[test]
+fn what_stands_still_pushes_back() {
+    let here = aside();
+    let other = moved(&here, &[80.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let mut rig = Rig::new(0.0, [here, other]);
+    // The blade's side looks along -y; the ball's top comes .5 mm into it.
+    let centre = here.translation.vector + Vec3::new(0.0, -11.0, 30.0);
+    let bounds = Aabb::around(&[centre.add_scalar(-13.0), centre.add_scalar(13.0)]);
+    let ball = DistanceGrid::sample(bounds, [0.5; 3], |p| (p - centre).norm() - 10.0).unwrap();
+    rig.model.surroundings = vec![Arc::new(ball)];
+    let result = rig.solve([here, other], &SolveSettings::MAIN);
+    assert!(result.converged && result.n_static_contacts[0] > 0);
+    assert_eq!(result.n_static_contacts[1], 0);
+    let [pushed, free] = result.contact;
+    assert!(pushed.force.y > 1.0, "{pushed:?}");
+    assert!(free.force.norm() == 0.0, "{free:?}");
+    let left = pushed.force + result.coupling[0].force;
+    assert!(left.norm() < 1e-3 * pushed.force.norm(), "{left} left over");
+    // Deeper, it pushes harder.
+    let deeper = moved(&here, &[0.0, -1e-3, 0.0, 0.0, 0.0, 0.0]);
+    let forced = rig.solve([deeper, other], &SolveSettings::MAIN);
+    assert!(forced.contact[0].force.y > pushed.force.y);
 }

@@ -43,9 +43,10 @@ const ALTERNATIVES: [(&str, &[&str]); 3] = [
 ];
 
 /// Keys that hold a path.
-const PATHS: [[&str; 2]; 4] = [
+const PATHS: [[&str; 2]; 5] = [
     ["patient", "directory"],
     ["patient", "surface"],
+    ["patient", "context"],
     ["mesh", "file"],
     ["osteotomy", "file"],
 ];
@@ -141,8 +142,15 @@ pub fn resolve_paths(tree: &mut Table, folder: &Path) {
 }
 
 fn make_absolute(value: &mut Value, folder: &Path) {
-    if let Value::String(path) = value {
-        *path = folder.join(&*path).display().to_string();
+    match value {
+        Value::String(path) => *path = folder.join(&*path).display().to_string(),
+        // A list of surfaces around the jaw.
+        Value::Array(list) => {
+            for entry in list.iter_mut().filter_map(|e| e.get_mut("surface")) {
+                make_absolute(entry, folder);
+            }
+        }
+        _ => {}
     }
 }
 
@@ -178,6 +186,18 @@ mod tests {
         assert!(tree["patient"].get("parametric").is_none());
         let tree = set("[patient]\nparametric = {}", "patient.parametric.scale=1.1").unwrap();
         assert_eq!(tree["patient"]["parametric"]["scale"].as_float(), Some(1.1));
+    }
+
+    #[test]
+    fn surfaces_around_the_jaw_are_meant_from_the_folder() {
+        let tree = set(
+            "",
+            "patient.context=[{surface='a.stl'}, {surface='/b.stl'}]",
+        )
+        .unwrap();
+        let surface = |i: usize| tree["patient"]["context"][i]["surface"].as_str();
+        assert_eq!(surface(0), Some("/here/a.stl"));
+        assert_eq!(surface(1), Some("/b.stl"));
     }
 
     #[test]
