@@ -181,6 +181,12 @@ impl<H: HapticPart> HapticLoop<H> {
         }
     }
 
+    /// Tells both devices zero.
+    fn silence(&mut self) {
+        let tools = self.input.read().map(|r| r.pose);
+        self.input.write(&[Wrench::default(); 2], &tools);
+    }
+
     /// What went wrong on the way.
     fn events(&self) -> Vec<String> {
         let refused = (self.faults > 0).then(|| {
@@ -339,6 +345,7 @@ mod tests {
         pub growth: Vec<GrowthSample>,
         pub times: Vec<StepTime>,
         pub pace: Vec<(Loop, Pace)>,
+        pub events: Vec<String>,
     }
 
     impl Sink for Kept {
@@ -358,7 +365,8 @@ mod tests {
             self.times.push(*sample);
             Ok(())
         }
-        fn event(&mut self, _: f64, _: &str) -> Result<()> {
+        fn event(&mut self, _: f64, event: &str) -> Result<()> {
+            self.events.push(event.to_owned());
             Ok(())
         }
         fn pace(&mut self, of: Loop, pace: Pace) {
@@ -428,33 +436,87 @@ mod tests {
         );
     }
 
-    #[test]
-    fn a_panic_in_a_loop_ends_the_session_with_an_error() {
-        struct Bad;
-        impl MainPart for Bad {
-            fn step(&mut self) -> MainSample {
-                panic!("on purpose")
-            }
+    /// Steps as a spring, and panics in the tenth step.
+    struct Bad(u32);
+
+    impl Bad {
+        fn count(&mut self) {
+            self.0 += 1;
+            assert!(self.0 < 10, "on purpose");
         }
+    }
+
+    impl MainPart for Bad {
+        fn step(&mut self) -> MainSample {
+            self.count();
+            MainPart::step(&mut Spring::default())
+        }
+    }
+
+    impl HapticPart for Bad {
+        fn step(&mut self, devices: &[Pose; 2], dt: f64) -> [HandOutput; 2] {
+            self.count();
+            HapticPart::step(&mut Spring::default(), devices, dt)
+        }
+        fn line(&mut self) -> &[Vec3] {
+            &[]
+        }
+        fn fault(&self) -> Option<String> {
+            None
+        }
+    }
+
+    /// Ends it in a way that says why, in the recording too, and keeps what was recorded.
+    #[test]
+    fn a_panic_in_a_loop_ends_the_session_with_its_words() {
         let scenario = scenario(&[]);
+        let [mut first, mut second] = [Kept::default(), Kept::default()];
         let Parts {
             haptic,
+            main,
             propagation,
-            ..
         } = parts();
-        let parts = Parts {
+        let none = &mut |_: f64, _: bool| {};
+        let main_panics = Parts {
             haptic,
-            main: Bad,
+            main: Bad(0),
             propagation,
         };
-        let mut kept = Kept::default();
-        let result = realtime(
-            parts,
+        let error = realtime(main_panics, surgeon(&scenario), &scenario, &mut first, none);
+        assert!(
+            error
+                .err()
+                .unwrap()
+                .to_string()
+                .contains("the main loop panicked (on purpose)")
+        );
+        assert!(
+            first
+                .events
+                .iter()
+                .any(|e| e.contains("main loop panicked"))
+        );
+        assert_eq!(first.main.len(), 9);
+        let Parts { propagation, .. } = parts();
+        let haptic_panics = Parts {
+            haptic: Bad(0),
+            main,
+            propagation,
+        };
+        let error = realtime(
+            haptic_panics,
             surgeon(&scenario),
             &scenario,
-            &mut kept,
-            &mut |_, _| {},
+            &mut second,
+            none,
         );
-        assert!(result.err().unwrap().to_string().contains("main loop"));
+        assert!(
+            error
+                .err()
+                .unwrap()
+                .to_string()
+                .contains("the haptic loop panicked")
+        );
+        assert_eq!(second.haptic.len(), 9);
     }
 }

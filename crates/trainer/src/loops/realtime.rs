@@ -9,6 +9,7 @@ use crate::scenario::Scenario;
 use crate::session::{BoneSample, HapticSample, Loop, MainSample, Pace, StepTime};
 use crate::surgeon::CrackView;
 use anyhow::{Result, anyhow};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::thread::{Builder, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 use thread_priority::{ThreadPriority, set_current_thread_priority};
@@ -66,6 +67,10 @@ pub fn realtime<H: HapticPart, M: MainPart, P: PropagationPart>(
         report(sink, Loop::Haptic, &haptic_pace, shared, dt)?;
         report(sink, Loop::Main, &main_pace, shared, dt)?;
         report(sink, Loop::Propagation, &propagation_pace, shared, dt)?;
+        let accounts = [haptic_pace, main_pace, propagation_pace];
+        if let Some(panic) = accounts.into_iter().find_map(|a| a.panic) {
+            return Err(anyhow!("{panic}"));
+        }
         Ok(Parts {
             haptic,
             main,
@@ -80,6 +85,20 @@ struct Account {
     pace: Pace,
     dropped: u64,
     events: Vec<String>,
+    /// Which loop has panicked, and with what words.
+    panic: Option<String>,
+}
+
+/// A step of the loop called `name`; its panic in words. All loops end then, the hands feel nothing, and what was recorded stays.
+fn guarded<T>(name: &str, step: impl FnOnce() -> T) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(step)).map_err(|what| {
+        let words = what.downcast_ref::<String>().map(String::as_str);
+        let words = words.or_else(|| what.downcast_ref::<&str>().copied());
+        let words = words.unwrap_or("no words");
+        format!(
+            "the {name} loop panicked ({words}); the devices were told zero and the session ended"
+        )
+    })
 }
 
 fn report(sink: &mut impl Sink, of: Loop, a: &Account, shared: &Shared, dt: f64) -> Result<()> {
@@ -91,7 +110,7 @@ fn report(sink: &mut impl Sink, of: Loop, a: &Account, shared: &Shared, dt: f64)
             &format!("{of:?} loop: {} samples were not recorded", a.dropped),
         )?;
     }
-    for event in &a.events {
+    for event in a.events.iter().chain(&a.panic) {
         sink.event(time, event)?;
     }
     Ok(())
@@ -168,8 +187,15 @@ fn haptic_loop<H: HapticPart>(
     let _stop = StopOnDrop(shared);
     raise_priority();
     let mut pacer = Pacer::new(Duration::from_secs_f64(haptic.dt));
+    let mut panic = None;
     while !shared.is_stopping() && !haptic.is_finished() {
-        let (sample, step_us) = timed(|| haptic.tick(crack.read()));
+        let (sample, step_us) = match guarded("haptic", || timed(|| haptic.tick(crack.read()))) {
+            Ok(ticked) => ticked,
+            Err(words) => {
+                panic = guarded("haptic", || haptic.silence()).err().or(Some(words));
+                break;
+            }
+        };
         shared.count(haptic.next_step);
         ring.put(Timed { sample, step_us });
         pacer.wait();
@@ -178,6 +204,7 @@ fn haptic_loop<H: HapticPart>(
         pace: pacer.pace,
         dropped: ring.n_dropped(),
         events: haptic.events(),
+        panic,
     };
     (haptic.part, account)
 }
@@ -193,8 +220,15 @@ fn main_loop<M: MainPart>(
     let _stop = StopOnDrop(shared);
     let mut pacer = Pacer::new(period);
     let mut bone_clock = BoneClock::default();
+    let mut panic = None;
     while !shared.is_stopping() {
-        let (mut sample, step_us) = timed(|| part.step());
+        let (mut sample, step_us) = match guarded("main", || timed(|| part.step())) {
+            Ok(stepped) => stepped,
+            Err(words) => {
+                panic = Some(words);
+                break;
+            }
+        };
         let time = shared.steps() as f64 * dt;
         sample.time = time;
         ring.put(Timed { sample, step_us });
@@ -209,6 +243,7 @@ fn main_loop<M: MainPart>(
         pace: pacer.pace,
         dropped: ring.n_dropped() + bones.n_dropped(),
         events: part.fault().into_iter().collect(),
+        panic,
     };
     (part, account)
 }
@@ -226,8 +261,15 @@ fn propagation_loop<P: PropagationPart>(
     let _stop = StopOnDrop(shared);
     let start = Instant::now();
     let mut pace = Pace::default();
+    let mut panic = None;
     while !shared.is_stopping() {
-        let (propagated, step_us) = timed(|| part.step());
+        let (propagated, step_us) = match guarded("propagation", || timed(|| part.step())) {
+            Ok(stepped) => stepped,
+            Err(words) => {
+                panic = Some(words);
+                break;
+            }
+        };
         let growth = match propagated {
             Propagated::Idle => {
                 std::thread::sleep(REST);
@@ -251,6 +293,7 @@ fn propagation_loop<P: PropagationPart>(
         pace,
         dropped: ring.n_dropped(),
         events: part.fault().into_iter().collect(),
+        panic,
     };
     (part, account)
 }
