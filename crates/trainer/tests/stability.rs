@@ -266,3 +266,32 @@ fn the_stiffest_coupling_of_each_device() {
         assert!(stiffest >= STIFFNESS, "{}: {fails}", device.model.name);
     }
 }
+
+/// In the air nothing is felt: below .05 N and .05 % of the peak torque, for a hand that swings by 60 mm and turns at 2 Hz.
+#[test]
+fn free_motion_is_free() {
+    for device in DEVICES {
+        let at = |ms: f64| {
+            let phase = 2e-3 * std::f64::consts::TAU * ms;
+            let way = Vec3::new(30.0 * phase.sin(), 20.0 * phase.cos(), 60.0);
+            downward(way, Vec3::new(0.3 * phase.sin(), 0.2, 0.4 * phase.cos()))
+        };
+        let hand = Hand {
+            mass: 0.1,
+            damping: 5.0,
+            stiffness: 500.0,
+        };
+        let mut rig = Rig::new(device, [hand; 2], false, [at(0.0), aside()], STIFFNESS);
+        for ms in 0..1000 {
+            rig.advance([at(f64::from(ms)), aside()]);
+        }
+        let largest = |shown: &[f64]| shown.iter().fold(0.0f64, |m, f| m.max(*f));
+        let (force, torque) = (largest(&rig.forces), largest(&rig.torques));
+        let name = device.model.name;
+        assert!(force < 0.05, "{name}: {force} N");
+        assert!(
+            torque <= 5e-4 * device.model.max_torque,
+            "{name}: {torque} N mm"
+        );
+    }
+}
