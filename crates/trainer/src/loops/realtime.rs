@@ -173,8 +173,26 @@ impl Pacer {
     }
 }
 
-/// Best effort: without the right to it the loop runs at normal priority.
+/// Of the haptic thread among those with real-time priority: above usual ones, below the kernel's own.
+#[cfg(unix)]
+const REAL_TIME_PRIORITY: u8 = 60;
+
+/// First come, first served, where the system lets us; else as high as it goes. Best effort: without the right to either the loop
+/// runs at normal priority.
 fn raise_priority() {
+    #[cfg(unix)]
+    {
+        use thread_priority::unix::{
+            RealtimeThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy,
+            thread_native_id,
+        };
+        let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+        let priority = ThreadPriority::try_from(REAL_TIME_PRIORITY);
+        let set = priority.map(|p| set_thread_priority_and_policy(thread_native_id(), p, policy));
+        if matches!(set, Ok(Ok(()))) {
+            return;
+        }
+    }
     let _ = set_current_thread_priority(ThreadPriority::Max);
 }
 
