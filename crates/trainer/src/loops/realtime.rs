@@ -1,4 +1,4 @@
-use super::exchange::{Looked, RingIn, RingsOut, Shared, Timed, latest, rings};
+use super::exchange::{Control, Looked, RingIn, RingsOut, Shared, Timed, latest, rings};
 use super::lockstep::timed;
 use super::{
     BoneClock, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart,
@@ -24,7 +24,22 @@ pub fn realtime<H: HapticPart, M: MainPart, P: PropagationPart>(
     sink: &mut impl Sink,
     progress: Progress,
 ) -> Result<Parts<H, M, P>> {
-    let shared = Shared::default();
+    realtime_under(&Control::default(), parts, input, scenario, sink, progress)
+}
+
+/// Likewise, paused and stopped from outside.
+///
+/// # Errors
+/// As [`realtime`].
+pub fn realtime_under<H: HapticPart, M: MainPart, P: PropagationPart>(
+    control: &Control,
+    parts: Parts<H, M, P>,
+    input: Input,
+    scenario: &Scenario,
+    sink: &mut impl Sink,
+    progress: Progress,
+) -> Result<Parts<H, M, P>> {
+    let shared = Shared::under(control);
     let (rings_in, mut rings_out) = rings();
     let start = parts.propagation.crack();
     let (crack_tx, crack_rx) = latest(&view(&start));
@@ -152,6 +167,15 @@ impl Pacer {
         self.next += self.period;
         self.pace.seconds = self.start.elapsed().as_secs_f64();
     }
+
+    /// Waits a period that counts for nothing.
+    fn rest(&mut self) {
+        let before = Instant::now();
+        self.sleeper.sleep(self.period);
+        let now = Instant::now();
+        self.start += now - before;
+        self.next = now + self.period;
+    }
 }
 
 /// Best effort: without the right to it the loop runs at normal priority.
@@ -169,6 +193,11 @@ fn haptic_loop<H: HapticPart>(
     raise_priority();
     let mut pacer = Pacer::new(Duration::from_secs_f64(haptic.dt));
     while !shared.is_stopping() && !haptic.is_finished() {
+        if shared.is_paused() {
+            haptic.rest();
+            pacer.rest();
+            continue;
+        }
         let (sample, step_us) = timed(|| haptic.tick(crack.read()));
         shared.count(haptic.next_step);
         ring.put(Timed { sample, step_us });
@@ -194,6 +223,10 @@ fn main_loop<M: MainPart>(
     let mut pacer = Pacer::new(period);
     let mut bone_clock = BoneClock::default();
     while !shared.is_stopping() {
+        if shared.is_paused() {
+            pacer.rest();
+            continue;
+        }
         let (mut sample, step_us) = timed(|| part.step());
         let time = shared.steps() as f64 * dt;
         sample.time = time;
@@ -224,9 +257,15 @@ fn propagation_loop<P: PropagationPart>(
     dt: f64,
 ) -> (P, Account) {
     let _stop = StopOnDrop(shared);
-    let start = Instant::now();
+    let mut start = Instant::now();
     let mut pace = Pace::default();
     while !shared.is_stopping() {
+        if shared.is_paused() {
+            let before = Instant::now();
+            std::thread::sleep(REST);
+            start += before.elapsed();
+            continue;
+        }
         let (propagated, step_us) = timed(|| part.step());
         let growth = match propagated {
             Propagated::Idle => {
@@ -263,10 +302,16 @@ fn record(
     shared: &Shared,
     dt: f64,
 ) -> Result<()> {
-    let mut severed = false;
+    let (mut severed, mut was_paused) = (false, false);
     while !shared.is_stopping() {
         drain(rings, sink, &mut severed)?;
-        progress(shared.steps() as f64 * dt, severed);
+        let time = shared.steps() as f64 * dt;
+        let is_paused = shared.is_paused();
+        if is_paused != was_paused {
+            sink.event(time, if is_paused { "paused" } else { "resumed" })?;
+            was_paused = is_paused;
+        }
+        progress(time, severed);
         std::thread::sleep(Duration::from_millis(20));
     }
     Ok(())
