@@ -23,8 +23,6 @@ const USERS_TIME: f64 = 600.0;
 
 /// A patient on whom a session can begin.
 pub struct Ready {
-    /// The scenario's name in the settings.
-    pub name: String,
     /// The scenario.
     pub scenario: Scenario,
     /// Its patient.
@@ -285,7 +283,7 @@ impl Conductor {
         self.ready = None;
         let overrides = self.overrides.clone();
         self.work = Work::Preparing(Job::start("prepare", move |stand| {
-            ready(name, &overrides, stand)
+            ready(&name, &overrides, stand)
         })?);
         Ok(())
     }
@@ -313,8 +311,8 @@ impl Conductor {
     }
 }
 
-fn ready(name: String, overrides: &[Override], stand: &Stand) -> Result<Ready> {
-    let scenario = catalogue::load(&name, overrides)?;
+fn ready(name: &str, overrides: &[Override], stand: &Stand) -> Result<Ready> {
+    let scenario = catalogue::load(name, overrides)?;
     let mut progress = |stage: &str, share: f64| tell(stand, stage, share as f32);
     let prepared = engine::prepare(&scenario, &mut progress)?;
     let start = Input::built_in(&scenario, prepared.line.clone())?.read();
@@ -322,7 +320,6 @@ fn ready(name: String, overrides: &[Override], stand: &Stand) -> Result<Ready> {
     // What the loops would refuse is refused before the user presses start.
     engine::connect(&prepared, &scenario, start)?;
     Ok(Ready {
-        name,
         scenario,
         prepared,
         start,

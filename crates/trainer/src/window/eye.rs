@@ -1,4 +1,4 @@
-//! Draws the scene on threads of its own at the lowest priority: what comes late is dropped, and nobody waits for it.
+//! Draws the scene on threads of its own at a low priority: what comes late is dropped, and nobody waits for it.
 use super::conductor::Ready;
 use super::live::{SharedLive, look};
 use crate::picture::{Instant as Shown, Scenery, StereoMode, eyes};
@@ -123,32 +123,36 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Apart from the pool in which mechanics computes, and one core less than there are.
+/// Apart from the pool in which mechanics computes, and at a low priority: it takes what nobody else wants.
 fn pool() -> Result<ThreadPool> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let pool = ThreadPoolBuilder::new()
-        .num_threads(cores.saturating_sub(1).clamp(1, 8))
+        .num_threads(cores.min(8))
         .thread_name(|i| format!("eye {i}"))
         .start_handler(|_| yield_to_loops())
         .build()?;
     Ok(pool)
 }
 
+/// On a scale of 0 to 99, where threads have about 50 by themselves: a tenth of what a loop gets of a core that both want.
+const PRIORITY: u8 = 25;
+
 /// Best effort: where it is refused, the haptic loop still has raised its own priority.
 fn yield_to_loops() {
-    let _ = set_current_thread_priority(ThreadPriority::Min);
+    let low = PRIORITY.try_into().map(ThreadPriority::Crossplatform);
+    let _ = set_current_thread_priority(low.unwrap_or(ThreadPriority::Min));
 }
 
 /// A picture of a moving scene may take so long \[ms\]; its size follows.
 const BUDGET_MS: f64 = 70.0;
-/// A scene that has not changed for so long is drawn in full.
-const SETTLED: Duration = Duration::from_millis(250);
+/// A scene that stands still is drawn again so often, ever finer.
+const REFINEMENTS: u32 = 3;
 /// Smallest share of the window's pixels across.
 const COARSEST: f64 = 0.25;
 
 fn watch(shared: &Shared, pool: &ThreadPool) {
     yield_to_loops();
-    let mut share = 0.5;
+    let mut share = COARSEST;
     while let Some(patient) = next_patient(shared) {
         let result = watch_patient(shared, pool, &patient, &mut share);
         if let Err(error) = result {
@@ -206,8 +210,7 @@ fn watch_patient(
 ) -> Result<()> {
     let mut scenery = Scenery::new(&patient.prepared, &patient.scenario)?;
     let mut drawn: Option<(Look, u64)> = None;
-    let mut changed = Instant::now();
-    let mut is_fine = false;
+    let mut refinement = 0;
     loop {
         let wished = {
             let wish = lock(&shared.wish);
@@ -219,33 +222,38 @@ fn watch_patient(
         };
         let Some(wished) = wished else { return Ok(()) };
         let revision = look(&shared.live).revision;
-        let is_new = drawn != Some((wished, revision));
-        if is_new {
-            changed = Instant::now();
-            is_fine = false;
-        } else if is_fine || changed.elapsed() < SETTLED {
+        if drawn != Some((wished, revision)) {
+            refinement = 0;
+        } else if refinement < REFINEMENTS {
+            refinement += 1;
+        } else {
             let wish = lock(&shared.wish);
             // A change of the session is looked for, one of the wish wakes.
             let _ = shared.changed.wait_timeout(wish, Duration::from_millis(15));
             continue;
-        } else {
-            is_fine = true;
         }
+        let (across, samples) = match refinement {
+            0 => (*share, 1),
+            1 => ((2.0 * *share).min(1.0), 1),
+            2 => (1.0, 1),
+            _ => (1.0, 2),
+        };
         let moment = moment(&mut scenery, shared, patient, &wished)?;
-        let (across, samples) = if is_fine { (1.0, 2) } else { (*share, 1) };
         let start = Instant::now();
         let image = pool.install(|| draw(&moment.scene(), &wished, across, samples));
         let ms = start.elapsed().as_secs_f64() * 1e3;
-        if !is_fine {
-            *share =
-                (*share * (BUDGET_MS / ms.max(1.0)).sqrt().clamp(0.7, 1.2)).clamp(COARSEST, 1.0);
+        if refinement == 0 {
+            let change = (BUDGET_MS / ms.max(1.0)).sqrt().clamp(0.7, 1.2);
+            *share = (*share * change).clamp(COARSEST, 1.0);
         }
         drawn = Some((wished, revision));
+        let image = to_egui(&image);
+        let camera = wished.camera;
         show(
             shared,
             Seen {
-                image: to_egui(&image),
-                camera: wished.camera,
+                image,
+                camera,
                 ms,
                 fault: None,
             },

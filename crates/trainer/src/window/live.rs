@@ -106,9 +106,15 @@ impl Feed {
         if seconds < RATE_EVERY {
             return;
         }
+        let counts = std::mem::take(&mut self.counts);
+        self.since = Instant::now();
+        // The loops end one after another: their last share of an interval is no rate.
+        if counts[Loop::Haptic as usize].0 == 0 {
+            return;
+        }
         let mut live = look(&self.live);
         let time = live.time;
-        for (i, (n, us)) in self.counts.iter().enumerate() {
+        for (i, (n, us)) in counts.iter().enumerate() {
             push(
                 &mut live.rates[i],
                 [time, f64::from(*n) / seconds],
@@ -118,8 +124,6 @@ impl Feed {
                 live.step_ms[i] = us * 1e-3 / f64::from(*n);
             }
         }
-        self.counts = Default::default();
-        self.since = Instant::now();
     }
 }
 

@@ -55,10 +55,10 @@ pub fn bar(w: &mut Window, ui: &mut Ui) {
 fn buttons(w: &mut Window, ui: &mut Ui, ctx: &Context) {
     let phase = w.conductor.phase();
     let (go, can_go) = match phase {
-        Phase::Running => ("⏸ Pause", true),
-        Phase::Paused => ("▶ Go on", true),
-        Phase::Ready => ("▶ Start", true),
-        Phase::Empty | Phase::Preparing | Phase::Keeping => ("▶ Start", false),
+        Phase::Running => ("Pause", true),
+        Phase::Paused => ("Go on", true),
+        Phase::Ready => ("Start", true),
+        Phase::Empty | Phase::Preparing | Phase::Keeping => ("Start", false),
     };
     let main = Button::new(RichText::new(go).strong().color(Color32::WHITE))
         .fill(style::ACCENT)
@@ -74,19 +74,19 @@ fn buttons(w: &mut Window, ui: &mut Ui, ctx: &Context) {
     let has_run = is_live || look(&w.live).time > 0.0;
     for (text, can, hint, command) in [
         (
-            "⏹ End",
+            "End",
             is_live,
             "End the session and keep it (F4)",
             Command::Finish,
         ),
         (
-            "↺ Reset",
+            "Reset",
             has_run && phase != Phase::Keeping,
             "Back to the beginning; what ran is kept (F8)",
             Command::Reset,
         ),
         (
-            "⟳ Try again",
+            "Try again",
             has_run && phase != Phase::Keeping,
             "Begin anew; what ran is kept (F5)",
             Command::Retry,
@@ -100,7 +100,7 @@ fn buttons(w: &mut Window, ui: &mut Ui, ctx: &Context) {
 }
 
 fn state(w: &mut Window, ui: &mut Ui, ctx: &Context) {
-    let help = Button::new("? Keys").min_size(vec2(0.0, 30.0));
+    let help = Button::new("Keys").min_size(vec2(0.0, 30.0));
     if ui.add(help).on_hover_text("F1").clicked() {
         w.obey(ctx, Command::Help);
     }
@@ -111,6 +111,7 @@ fn state(w: &mut Window, ui: &mut Ui, ctx: &Context) {
     let (word, color) = match w.conductor.phase() {
         Phase::Empty => ("No scenario", style::BAD),
         Phase::Preparing => ("Preparing", style::FAIR),
+        Phase::Ready if time > 0.0 => ("Ended", style::WEAK),
         Phase::Ready => ("Ready", style::GOOD),
         Phase::Running if is_split => ("Running, split", style::GOOD),
         Phase::Running => ("Running", style::GOOD),
@@ -259,8 +260,10 @@ fn hands(w: &mut Window, ui: &mut Ui) {
         true => "Looking for devices...",
         false => "Look for devices",
     };
-    let button = ui.add_enabled(!w.devices.is_seeking(), Button::new(seek).small());
-    if button.clicked() {
+    let wide = vec2(ui.available_width(), 24.0);
+    let can = !w.devices.is_seeking();
+    let button = ui.add_enabled_ui(can, |ui| ui.add_sized(wide, Button::new(seek)));
+    if button.inner.clicked() {
         w.devices.seek();
     }
 }
@@ -296,10 +299,8 @@ fn view(w: &mut Window, ui: &mut Ui) {
             }
         });
     let first = Button::new("First person").selected(w.view.is_first_person);
-    if ui
-        .add(first.min_size(vec2(ui.available_width(), 24.0)))
-        .clicked()
-    {
+    let wide = vec2(ui.available_width(), 24.0);
+    if ui.add_sized(wide, first).clicked() {
         w.obey(&ctx, Command::FirstPerson);
     }
     ui.checkbox(&mut w.settings.is_transparent, "Look through the bone");
@@ -426,12 +427,22 @@ pub fn plots(w: &mut Window, ui: &mut Ui) {
         .show(ui, |ui| plots::row(ui, &look(&w.live)));
 }
 
+/// Over the whole window.
+fn sheet(name: &str) -> egui::Modal {
+    let frame = Frame::new()
+        .fill(style::CARD)
+        .stroke(egui::Stroke::new(1.0, style::LINE))
+        .corner_radius(CornerRadius::same(10))
+        .inner_margin(Margin::same(20));
+    egui::Modal::new(egui::Id::unique(name)).frame(frame)
+}
+
 /// All keys.
 pub fn help(w: &mut Window, ctx: &Context) {
     if !w.shows_help {
         return;
     }
-    let modal = egui::Modal::new(egui::Id::unique("keys")).show(ctx, |ui| {
+    let modal = sheet("keys").show(ctx, |ui| {
         ui.set_width(700.0);
         ui.heading("Keys and mouse");
         ui.add_space(4.0);
@@ -484,7 +495,7 @@ pub fn summary(w: &mut Window, ctx: &Context) {
     let outcome = kept.metrics.outcome();
     let folder = kept.folder.clone();
     let mut command = None;
-    let modal = egui::Modal::new(egui::Id::unique("summary")).show(ctx, |ui| {
+    let modal = sheet("summary").show(ctx, |ui| {
         ui.set_width(560.0);
         let (title, color) = match outcome.time {
             Some(_) => ("Split complete", style::GOOD),

@@ -58,6 +58,16 @@ fn plot<'a>(id: &str) -> Plot<'a> {
         .show_x(false)
         .show_y(false)
         .y_axis_min_width(38.0)
+        .grid_color(style::LINE)
+        .x_grid_spacer(|input| {
+            let first = (input.bounds.0 / 2.0).ceil() as i64;
+            let last = (input.bounds.1 / 2.0).floor() as i64;
+            let mark = |k: i64| GridMark {
+                value: 2.0 * k as f64,
+                step_size: 2.0,
+            };
+            (first..=last).map(mark).collect()
+        })
         .x_axis_formatter(|mark: GridMark, _| format!("{:.0} s", mark.value))
 }
 
@@ -103,7 +113,7 @@ fn rates(ui: &mut Ui, live: &Live) {
             (format!("{} {hz:.0}", LOOPS[i].0), LOOPS[i].1)
         })
         .collect();
-    title(ui, "Loop rates [Hz]", &legend);
+    title(ui, "Loops [Hz]", &legend);
     let end = live.time.max(WINDOW);
     let lines: Vec<Line> = (0..3)
         .map(|i| {

@@ -26,8 +26,7 @@ pub fn centre(w: &mut Window, ui: &mut Ui) {
         .show(ui, |ui| {
             let rect = ui.available_rect_before_wrap();
             let response = ui.allocate_rect(rect, Sense::click_and_drag());
-            response
-                .widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "Scene"));
+            response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "Scene"));
             if response.clicked() || response.drag_started() {
                 ui.memory_mut(|m| m.stop_text_input());
             }
