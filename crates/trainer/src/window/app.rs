@@ -248,8 +248,7 @@ impl Window {
         }
         if let Some(kept) = self.conductor.take_kept() {
             self.notify(format!("Session kept in {}", kept.folder.display()));
-            let is_next_under_way = self.conductor.phase() != Phase::Ready;
-            self.summary = (!is_next_under_way && !self.is_closing).then_some(kept);
+            self.summary = kept.is_last_word.then_some(kept);
         }
         let guides = self.conductor.take_guides();
         if guides.iter().any(Option::is_some) || self.conductor.phase() == Phase::Preparing {

@@ -48,6 +48,8 @@ pub struct Kept {
     pub metrics: Metrics,
     /// Its folder.
     pub folder: PathBuf,
+    /// Whether nothing else was asked for meanwhile, so that its figures are of interest.
+    pub is_last_word: bool,
 }
 
 /// What goes on.
@@ -75,6 +77,7 @@ enum Work {
 
 /// What comes after the work at hand.
 enum Next {
+    Clear,
     Select(String),
     Start(Setup),
 }
@@ -209,11 +212,9 @@ impl Conductor {
 
     /// Ends the session and shows the patient as at the beginning.
     pub fn reset(&mut self) {
-        self.next = None;
+        self.next = Some(Next::Clear);
         self.finish();
-        if matches!(self.work, Work::None) {
-            self.clear();
-        }
+        self.go_on();
     }
 
     fn clear(&self) {
@@ -252,7 +253,13 @@ impl Conductor {
     fn session_ended(&mut self, result: Result<Kept>) {
         self.is_ending = false;
         match result {
-            Ok(kept) => self.kept = Some(kept),
+            Ok(kept) => {
+                let is_last_word = self.next.is_none();
+                self.kept = Some(Kept {
+                    is_last_word,
+                    ..kept
+                });
+            }
             Err(error) => {
                 self.next = None;
                 self.complain(&error);
@@ -269,6 +276,10 @@ impl Conductor {
             return;
         }
         let begun = match self.next.take() {
+            Some(Next::Clear) => {
+                self.clear();
+                Ok(())
+            }
             Some(Next::Select(name)) => self.prepare(name),
             Some(Next::Start(setup)) => self.begin(setup),
             None => Ok(()),
@@ -385,7 +396,11 @@ fn session(
     let metrics = metrics.map_err(|failure| match failure {
         Failure::Input(error) | Failure::Work(error) => error,
     })?;
-    Ok(Kept { metrics, folder })
+    Ok(Kept {
+        metrics,
+        folder,
+        is_last_word: true,
+    })
 }
 
 /// The next number under `sessions`, with the scenario's name.
@@ -471,6 +486,7 @@ mod tests {
         assert_eq!(c.phase(), Phase::Keeping);
         until(&mut c, "kept", |c| c.phase() == Phase::Ready);
         let kept = c.take_kept().unwrap();
+        assert!(!kept.is_last_word && look(&live).time == 0.0);
         assert!(kept.folder.ends_with("0001-bsso-right-side"));
         for file in [
             "session.mcap",

@@ -8,6 +8,8 @@ use egui_plot::{GridMark, HLine, Line, Plot, PlotPoints};
 
 /// Seconds that the load plots show.
 const WINDOW: f64 = 12.0;
+/// Seconds between the lines of the time axis.
+const TICK: f64 = 4.0;
 /// Colours of the loops.
 const LOOPS: [(&str, Color32); 3] = [
     ("Haptic", Color32::from_rgb(94, 196, 230)),
@@ -60,11 +62,11 @@ fn plot<'a>(id: &str) -> Plot<'a> {
         .y_axis_min_width(38.0)
         .grid_color(style::LINE)
         .x_grid_spacer(|input| {
-            let first = (input.bounds.0 / 2.0).ceil() as i64;
-            let last = (input.bounds.1 / 2.0).floor() as i64;
+            let first = (input.bounds.0 / TICK).ceil() as i64;
+            let last = (input.bounds.1 / TICK).floor() as i64;
             let mark = |k: i64| GridMark {
-                value: 2.0 * k as f64,
-                step_size: 2.0,
+                value: TICK * k as f64,
+                step_size: TICK,
             };
             (first..=last).map(mark).collect()
         })
@@ -113,7 +115,7 @@ fn rates(ui: &mut Ui, live: &Live) {
             (format!("{} {hz:.0}", LOOPS[i].0), LOOPS[i].1)
         })
         .collect();
-    title(ui, "Loops [Hz]", &legend);
+    title(ui, "[Hz]", &legend);
     let end = live.time.max(WINDOW);
     let lines: Vec<Line> = (0..3)
         .map(|i| {

@@ -40,7 +40,7 @@ enum Step {
 }
 
 /// What is waited for comes within this time, or the rehearsal fails.
-const PATIENCE: Duration = Duration::from_secs(240);
+const PATIENCE: Duration = Duration::from_secs(120);
 /// A script is no longer \[bytes\].
 const MOST_BYTES: u64 = 64 * 1024;
 
