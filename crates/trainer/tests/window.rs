@@ -196,7 +196,7 @@ fn n_different(a: &[[u8; 3]], b: &[[u8; 3]]) -> usize {
 
 /// Of bone: light, and more red than blue.
 fn n_bone(part: &[[u8; 3]]) -> usize {
-    let is_bone = |p: &&[u8; 3]| p[0] > 110 && p[0] > p[2] + 20 && p[1] > p[2];
+    let is_bone = |p: &&[u8; 3]| p[0] > 110 && p[0] > p[2].saturating_add(20) && p[1] > p[2];
     part.iter().filter(is_bone).count()
 }
 

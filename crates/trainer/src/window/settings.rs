@@ -24,6 +24,7 @@ pub struct Settings {
     /// Where sessions are kept.
     pub sessions: PathBuf,
     /// From where the scene is seen.
+    /// From where the scene is seen; absent, once turned by hand: the usual view next time.
     pub view: Option<View>,
     /// Whether one looks through the bone.
     pub is_transparent: bool,
@@ -128,7 +129,7 @@ mod tests {
         assert_eq!(Settings::read(folder.path()), (Settings::default(), None));
         let mut settings = Settings {
             stereo: Some(StereoMode::Anaglyph),
-            view: None,
+            view: Some(View::Top),
             zoom: 1.25,
             ..Settings::default()
         };
