@@ -322,6 +322,17 @@ impl Conductor {
     }
 }
 
+impl Drop for Conductor {
+    /// However the window goes away, a session that runs is kept.
+    fn drop(&mut self) {
+        self.finish();
+        if let Work::Session(job) = std::mem::replace(&mut self.work, Work::None) {
+            // Nobody is left to be told.
+            let _ = job.finish();
+        }
+    }
+}
+
 fn ready(name: &str, overrides: &[Override], stand: &Stand) -> Result<Ready> {
     let scenario = catalogue::load(name, overrides)?;
     let mut progress = |stage: &str, share: f64| tell(stand, stage, share as f32);
@@ -553,6 +564,7 @@ mod tests {
             }
         }
         let grown = resident() / settled - 1.0;
+        eprintln!("{n} resets: memory grew by {:.2} %", 100.0 * grown);
         assert!(grown < 0.1, "memory grew by {:.1} %", 100.0 * grown);
     }
 }

@@ -36,14 +36,15 @@ impl Orbit {
         let drive = tools.iter().map(|t| t.rotation * Vec3::z()).sum::<Vec3>();
         let drive = drive.try_normalize(1e-9).unwrap_or(-Vec3::z());
         // Beside the shafts, or they would hide what they do.
-        let eye = tip - drive * 190.0 + Vec3::new(0.0, -95.0, 40.0);
-        let up = if drive.z.abs() < 0.9 {
+        let above = if drive.z.abs() < 0.9 {
             Vec3::z()
         } else {
-            Vec3::y()
+            -Vec3::y()
         };
+        let aside = (above - drive * above.dot(&drive)).normalize();
+        let eye = tip - drive * 140.0 + aside * 140.0;
         let f = |v: Vec3| -> [f32; 3] { v.cast::<f32>().into() };
-        Self::of(&Camera::look_at(f(eye), f(tip), f(up), 26.0))
+        Self::of(&Camera::look_at(f(eye), f(tip), f(above), 26.0))
     }
 
     /// For the renderer.

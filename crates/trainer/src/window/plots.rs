@@ -43,8 +43,6 @@ fn title(ui: &mut Ui, text: &str, legend: &[(String, Color32)]) {
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             for (name, color) in legend.iter().rev() {
                 ui.label(egui::RichText::new(name).small().color(*color));
-                let (spot, _) = ui.allocate_exact_size(vec2(10.0, 10.0), Sense::hover());
-                ui.painter().circle_filled(spot.center(), 3.0, *color);
             }
         });
     });
