@@ -226,13 +226,13 @@ fn session(
             drawing.set(share, format!("picture {done} of {of}"));
         }
     };
-    let watch = Watch {
+    let mut watch = Watch {
         control: Control::default(),
         sink: &mut Unseen,
         progress: &mut progress,
         draws: true,
     };
-    let metrics = keep_session(scenario, prepared, input, mode, out, watch);
+    let metrics = keep_session(scenario, prepared, input, mode, out, &mut watch);
     bar.done();
     drawing.done();
     metrics
@@ -332,7 +332,7 @@ pub fn keep_session(
     mut input: Input,
     mode: Mode,
     out: &Path,
-    watch: Watch,
+    watch: &mut Watch,
 ) -> Result<Metrics, Failure> {
     let start = input.read().map(|r| r.pose);
     input.rewind();

@@ -40,7 +40,7 @@ pub enum Leader {
     /// The built-in surgeon.
     Surgeon,
     /// A user who holds a device.
-    Device(LinkedDevice),
+    Device(Box<LinkedDevice>),
     /// A user who says where a simulated hand shall go: mouse and keyboard.
     Guide(Subscribed<Pose>),
 }
@@ -150,7 +150,8 @@ impl Input {
         line: SplitLine,
         devices: [Option<LinkedDevice>; 2],
     ) -> Result<Self> {
-        let leader = |d: Option<LinkedDevice>| d.map_or(Leader::Surgeon, Leader::Device);
+        let leader =
+            |d: Option<LinkedDevice>| d.map_or(Leader::Surgeon, |d| Leader::Device(Box::new(d)));
         Self::led(scenario, line, devices.map(leader))
     }
 
@@ -169,7 +170,7 @@ impl Input {
                 Leader::Surgeon => Hand::Simulated(simulated()?),
                 Leader::Device(device) => {
                     let workspace = workspace(&tool.workspace, start[i]);
-                    let operated = OperatedDevice::new(Box::new(device), workspace, dt);
+                    let operated = OperatedDevice::new(device, workspace, dt);
                     Hand::Operated(operated)
                 }
                 Leader::Guide(told) => Hand::Guided(Guided {

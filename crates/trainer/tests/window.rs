@@ -1,4 +1,5 @@
 //! The window: what it says without a display, and under Xvfb a trainee's session by clicks and keys, looked at by its pixels.
+#![allow(clippy::print_stderr)] // a skipped test says so
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 

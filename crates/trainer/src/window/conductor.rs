@@ -303,14 +303,12 @@ impl Conductor {
         let Some(ready) = self.ready.clone() else {
             return Ok(());
         };
-        let mut told = [None, None];
-        for i in 0..2 {
-            if setup.hands[i] == Leading::Mouse {
-                let (guide, hears) = latest(&ready.start[i]);
-                self.guides[i] = Some(guide);
-                told[i] = Some(hears);
-            }
-        }
+        let told = [0, 1].map(|i| {
+            let is_mouse = setup.hands[i] == Leading::Mouse;
+            let (guide, hears) = is_mouse.then(|| latest(&ready.start[i])).unzip();
+            self.guides[i] = guide;
+            hears
+        });
         self.control = Control::default();
         self.is_ending = false;
         self.clear();
@@ -370,7 +368,7 @@ fn session(
     let mut devices = devices.into_iter();
     let leaders = told.map(|t| match (t, devices.next().flatten()) {
         (Some(told), _) => Leader::Guide(told),
-        (None, Some(device)) => Leader::Device(device),
+        (None, Some(device)) => Leader::Device(Box::new(device)),
         (None, None) => Leader::Surgeon,
     });
     let input = Input::led(&scenario, ready.prepared.line.clone(), leaders)?;
@@ -390,7 +388,7 @@ fn session(
             );
         }
     };
-    let watch = Watch {
+    let mut watch = Watch {
         control,
         sink: &mut feed,
         progress: &mut progress,
@@ -402,7 +400,7 @@ fn session(
         input,
         Mode::Realtime,
         &folder,
-        watch,
+        &mut watch,
     );
     let metrics = metrics.map_err(|failure| match failure {
         Failure::Input(error) | Failure::Work(error) => error,
@@ -564,7 +562,6 @@ mod tests {
             }
         }
         let grown = resident() / settled - 1.0;
-        eprintln!("{n} resets: memory grew by {:.2} %", 100.0 * grown);
         assert!(grown < 0.1, "memory grew by {:.1} %", 100.0 * grown);
     }
 }

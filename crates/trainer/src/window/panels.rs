@@ -46,7 +46,7 @@ pub fn bar(w: &mut Window, ui: &mut Ui) {
                 ui.add_space(14.0);
                 buttons(w, ui, &ctx);
                 ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                    state(w, ui, &ctx)
+                    state(w, ui, &ctx);
                 });
             });
         });
@@ -339,8 +339,8 @@ pub fn right(w: &mut Window, ui: &mut Ui) {
         .frame(frame(Margin::symmetric(10, 8)))
         .show(ui, |ui| {
             card(ui, "Crack", |ui| crack(w, ui));
-            for i in 0..2 {
-                card(ui, HANDS[i], |ui| gauges(w, ui, i));
+            for (i, name) in HANDS.into_iter().enumerate() {
+                card(ui, name, |ui| gauges(w, ui, i));
             }
             card(ui, "Events", |ui| events(w, ui));
         });

@@ -3,8 +3,9 @@
 use crate::picture::write_png;
 use anyhow::{Context as _, Result, bail};
 use eframe::egui::{
-    Context, Event, FullOutput, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2, RawInput,
-    Rect, ScreenshotCallback, TouchPhase, Vec2, ViewportCommand, plugin::Plugin, pos2, vec2,
+    Color32, Context, Event, FullOutput, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2,
+    RawInput, Rect, ScreenshotCallback, TouchPhase, Vec2, ViewportCommand, plugin::Plugin, pos2,
+    vec2,
 };
 use osteotome_render::Image;
 use std::collections::VecDeque;
@@ -181,7 +182,7 @@ impl Rehearsal {
                 let image = Image {
                     width: seen.size[0],
                     height: seen.size[1],
-                    pixels: seen.pixels.iter().map(|c| c.to_array()).collect(),
+                    pixels: seen.pixels.iter().map(Color32::to_array).collect(),
                 };
                 let written = write_png(&path, &image);
                 *done.lock().unwrap_or_else(PoisonError::into_inner) = Some(written);

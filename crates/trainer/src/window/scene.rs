@@ -28,7 +28,7 @@ pub fn centre(w: &mut Window, ui: &mut Ui) {
             let response = ui.allocate_rect(rect, Sense::click_and_drag());
             response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "Scene"));
             if response.clicked() || response.drag_started() {
-                ui.memory_mut(|m| m.stop_text_input());
+                ui.memory_mut(egui::Memory::stop_text_input);
             }
             mouse(w, ui, &response, rect);
             let scale = f64::from(ui.ctx().pixels_per_point());
@@ -46,7 +46,7 @@ pub fn centre(w: &mut Window, ui: &mut Ui) {
             held(w, &painter, rect);
             let place = Rect::from_center_size(rect.center(), vec2(330.0, 90.0));
             ui.scope_builder(UiBuilder::new().max_rect(place), |ui| {
-                panels::progress(w, ui)
+                panels::progress(w, ui);
             });
         });
 }
