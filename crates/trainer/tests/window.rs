@@ -290,7 +290,7 @@ fn keys_and_mouse_lead_the_chisels_and_what_they_meet_is_felt() {
          click Start
          wait Running
          rest 0.5
-         hold W 3
+         hold W 8
          wait in contact
          shift-drag 0.5 0.4 150 0
          rest 1

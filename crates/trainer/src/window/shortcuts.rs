@@ -139,7 +139,7 @@ const SPEEDS: [f64; 4] = [6.0, 0.35, 6.0, 0.2];
 
 /// What keys held down move in this frame.
 pub fn motion(input: &InputState) -> Motion {
-    let dt = f64::from(input.stable_dt.min(0.1));
+    let dt = f64::from(input.stable_dt.min(0.25));
     let way = |plus: Key, minus: Key| {
         dt * (f64::from(u8::from(input.key_down(plus)))
             - f64::from(u8::from(input.key_down(minus))))
