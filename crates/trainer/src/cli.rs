@@ -6,6 +6,7 @@ use crate::picture::{StereoMode, View};
 use crate::render_command;
 use crate::scenario::Override;
 use crate::talk;
+use crate::window;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use osteotome_devices::Binding;
 use std::path::PathBuf;
@@ -22,14 +23,16 @@ pub enum Failure {
 
 /// A simulator for learning to split the mandible.
 #[derive(Parser)]
-#[command(name = "osteotome", version, arg_required_else_help = true)]
+#[command(name = "osteotome", version)]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
 }
 
 #[derive(Subcommand)]
 enum Command {
+    /// Opens the simulator's window (also without a command, where there is a display)
+    Train(TrainArgs),
     /// The whole job on the built-in patient, in real time: no display, device or file needed
     Demo(DemoArgs),
     /// One session without a window
@@ -44,6 +47,22 @@ enum Command {
     Fracture(FractureArgs),
     /// Lists haptic devices, and what is missing for those that are not found
     Devices(DevicesArgs),
+}
+
+/// Arguments of `train`.
+#[derive(Args, Default)]
+pub struct TrainArgs {
+    /// The scenario (TOML), or a shipped one: bsso-right, bsso-left; without it, what was trained last
+    pub scenario: Option<PathBuf>,
+    /// Where session folders are kept
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Overrides a key of the scenario by a TOML value (repeatable)
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<Override>,
+    /// Plays a script of clicks and keys (for tests)
+    #[arg(long, value_name = "FILE", hide = true)]
+    pub rehearse: Option<PathBuf>,
 }
 
 /// Arguments of `demo`.
@@ -214,7 +233,13 @@ pub fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => return usage(&error),
     };
-    let result = match cli.command {
+    let command = match cli.command {
+        Some(command) => command,
+        None if window::has_display() => Command::Train(TrainArgs::default()),
+        None => return help(),
+    };
+    let result = match command {
+        Command::Train(args) => window::train(&args),
         Command::Demo(args) => commands::demo(&args),
         Command::Run(args) => commands::run(&args),
         Command::Check(args) => commands::check(&args),
@@ -236,6 +261,12 @@ pub fn main() -> ExitCode {
     }
 }
 
+fn help() -> ExitCode {
+    use clap::CommandFactory;
+    talk::say(Cli::command().render_help().to_string().trim_end());
+    ExitCode::SUCCESS
+}
+
 /// Help and version go to standard output; a wrong command line is one line like every other wrong input.
 fn usage(error: &clap::Error) -> ExitCode {
     let text = error.render().to_string();
@@ -243,12 +274,7 @@ fn usage(error: &clap::Error) -> ExitCode {
         talk::say(text.trim_end());
         return ExitCode::SUCCESS;
     }
-    let is_help = error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand;
-    let line = if is_help {
-        "a command is missing; osteotome --help lists them".to_owned()
-    } else {
-        one_line(&text)
-    };
+    let line = one_line(&text);
     talk::complain(&anyhow::anyhow!(line));
     ExitCode::from(2)
 }

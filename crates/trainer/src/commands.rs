@@ -2,12 +2,12 @@
 use crate::cli::{CheckArgs, DemoArgs, Failure, Mode, ReplayArgs, RunArgs};
 use crate::engine::{self, Prepared};
 use crate::input::{Input, open_devices};
-use crate::loops::{lockstep, realtime};
-use crate::picture::{Stage, write_pictures};
+use crate::loops::{Control, Sink, lockstep, realtime_under};
+use crate::picture::{self, write_pictures};
 use crate::scenario::{self, Override, Scenario, Source};
 use crate::session::{
-    CrackMesh, Metrics, Recorder, Recording, SESSION, ScenarioMessage, SessionFolder, write_crack,
-    write_final_bone,
+    BoneSample, CrackMesh, GrowthSample, HapticSample, Loop, MainSample, Metrics, Pace, Recorder,
+    Recording, SESSION, ScenarioMessage, SessionFolder, StepTime, write_crack, write_final_bone,
 };
 use crate::talk::{self, Progress};
 use crate::verify::Comparison;
@@ -205,13 +205,134 @@ fn live(
     Input::live(scenario, prepared.line.clone(), devices).map_err(Failure::Input)
 }
 
-/// Runs a session and leaves its folder.
+/// Runs a session before a terminal and leaves its folder.
 fn session(
+    scenario: &Scenario,
+    prepared: &Prepared,
+    input: Input,
+    mode: Mode,
+    out: &Path,
+) -> Result<Metrics, Failure> {
+    let mut bar = Progress::new(&scenario.name, millis(scenario.max_time));
+    let mut drawing = Progress::new("Drawing", 1000);
+    let mut progress = |advance: Advance| match advance {
+        Advance::Running { time, is_severed } => {
+            let word = if is_severed { ", split" } else { "" };
+            bar.set(millis(time), format!("{time:.1} s{word}"));
+        }
+        Advance::Drawing { done, of } => {
+            bar.clear();
+            let share = (1000 * done / of) as u64;
+            drawing.set(share, format!("picture {done} of {of}"));
+        }
+    };
+    let mut watch = Watch {
+        control: Control::default(),
+        sink: &mut Unseen,
+        progress: &mut progress,
+        draws: true,
+    };
+    let metrics = keep_session(scenario, prepared, input, mode, out, &mut watch);
+    bar.done();
+    drawing.done();
+    metrics
+}
+
+/// How far a session has come.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Advance {
+    /// It runs.
+    Running {
+        /// Simulated time \[s\].
+        time: f64,
+        /// Whether the bone is apart.
+        is_severed: bool,
+    },
+    /// Its pictures are drawn.
+    Drawing {
+        /// How many are.
+        done: usize,
+        /// Of how many.
+        of: usize,
+    },
+}
+
+/// Who looks on while a session is run and kept.
+pub struct Watch<'a> {
+    /// By which it is paused and ended; in lockstep without effect.
+    pub control: Control,
+    /// Sees every sample that is recorded.
+    pub sink: &'a mut dyn Sink,
+    /// Told how far all is.
+    pub progress: &'a mut dyn FnMut(Advance),
+    /// Whether pictures belong into the folder.
+    pub draws: bool,
+}
+
+/// Nobody looks.
+struct Unseen;
+
+impl Sink for Unseen {
+    fn haptic(&mut self, _: &HapticSample) -> Result<()> {
+        Ok(())
+    }
+    fn main(&mut self, _: &MainSample) -> Result<()> {
+        Ok(())
+    }
+    fn growth(&mut self, _: GrowthSample) -> Result<()> {
+        Ok(())
+    }
+    fn timing(&mut self, _: &StepTime, _: bool) -> Result<()> {
+        Ok(())
+    }
+    fn event(&mut self, _: f64, _: &str) -> Result<()> {
+        Ok(())
+    }
+    fn pace(&mut self, _: Loop, _: Pace) {}
+}
+
+/// The recorder, and who looks on beside it.
+struct Both<'a>(&'a mut Recorder, &'a mut dyn Sink);
+
+impl Sink for Both<'_> {
+    fn haptic(&mut self, sample: &HapticSample) -> Result<()> {
+        self.1.haptic(sample)?;
+        self.0.haptic(sample)
+    }
+    fn main(&mut self, sample: &MainSample) -> Result<()> {
+        self.1.main(sample)?;
+        self.0.main(sample)
+    }
+    fn bone(&mut self, sample: &BoneSample) -> Result<()> {
+        self.1.bone(sample)?;
+        self.0.bone(sample)
+    }
+    fn growth(&mut self, sample: GrowthSample) -> Result<()> {
+        self.1.growth(sample.clone())?;
+        self.0.growth(sample)
+    }
+    fn timing(&mut self, sample: &StepTime, grew: bool) -> Result<()> {
+        self.1.timing(sample, grew)?;
+        self.0.timing(sample, grew)
+    }
+    fn event(&mut self, time: f64, event: &str) -> Result<()> {
+        self.1.event(time, event)?;
+        self.0.event(time, event)
+    }
+    fn pace(&mut self, of: Loop, pace: Pace) {
+        self.1.pace(of, pace);
+        self.0.pace(of, pace);
+    }
+}
+
+/// Runs a session and leaves its folder.
+pub fn keep_session(
     scenario: &Scenario,
     prepared: &Prepared,
     mut input: Input,
     mode: Mode,
     out: &Path,
+    watch: &mut Watch,
 ) -> Result<Metrics, Failure> {
     let start = input.read().map(|r| r.pose);
     input.rewind();
@@ -224,16 +345,16 @@ fn session(
     };
     let work = || -> Result<Metrics> {
         let mut recorder = Recorder::create(folder.path(), &first)?;
-        let mut bar = Progress::new(&scenario.name, millis(scenario.max_time));
-        let mut progress = |time: f64, severed: bool| {
-            let word = if severed { ", split" } else { "" };
-            bar.set(millis(time), format!("{time:.1} s{word}"));
-        };
+        let mut sink = Both(&mut recorder, watch.sink);
+        let mut progress =
+            |time: f64, is_severed: bool| (watch.progress)(Advance::Running { time, is_severed });
         let engine = match mode {
-            Mode::Lockstep => lockstep(engine, input, scenario, &mut recorder, &mut progress)?,
-            Mode::Realtime => realtime(engine, input, scenario, &mut recorder, &mut progress)?,
+            Mode::Lockstep => lockstep(engine, input, scenario, &mut sink, &mut progress)?,
+            Mode::Realtime => {
+                let control = &watch.control;
+                realtime_under(control, engine, input, scenario, &mut sink, &mut progress)?
+            }
         };
-        bar.done();
         if let Some(crack) = recorder.last_growth() {
             let crack = CrackMesh {
                 vertices: &crack.vertices,
@@ -249,7 +370,9 @@ fn session(
         let metrics = recorder.finish()?;
         folder.write("metrics.json", &json(&metrics)?)?;
         // A session is worth keeping without its pictures.
-        if let Err(error) = pictures(prepared, folder.path()) {
+        if watch.draws
+            && let Err(error) = pictures(prepared, folder.path(), watch.progress)
+        {
             talk::complain(&error);
         }
         Ok(metrics)
@@ -262,20 +385,12 @@ fn session(
 }
 
 /// Draws the session that `folder` holds.
-fn pictures(prepared: &Prepared, folder: &Path) -> Result<()> {
+fn pictures(prepared: &Prepared, folder: &Path, watch: &mut dyn FnMut(Advance)) -> Result<()> {
     let recording = Recording::read(&folder.join("session.mcap"))?;
-    let mut bar = Progress::new("Drawing", 1000);
-    let mut progress = |done: usize, all: usize| {
-        bar.set(
-            (1000 * done / all) as u64,
-            format!("picture {done} of {all}"),
-        );
-    };
-    let mut stage = Stage::new(prepared, &recording)?;
+    let mut progress = |done: usize, of: usize| watch(Advance::Drawing { done, of });
+    let mut stage = picture::Stage::new(prepared, &recording)?;
     write_pictures(&mut stage, &folder.join("pictures"), &mut progress)
-        .context("the pictures of the session")?;
-    bar.done();
-    Ok(())
+        .context("the pictures of the session")
 }
 
 fn json(metrics: &Metrics) -> Result<String> {

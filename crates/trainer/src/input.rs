@@ -1,4 +1,5 @@
 //! Whose hands hold the devices: the built-in surgeon's, a user's, or recorded ones.
+use crate::loops::Subscribed;
 use crate::scenario::{Scenario, Tool, Workspace};
 use crate::session::HandSample;
 use crate::surgeon::{BuiltInSurgeon, CrackView, Sight, SplitLine};
@@ -31,6 +32,46 @@ pub struct Live {
 enum Hand {
     Simulated(SimulatedHand),
     Operated(OperatedDevice),
+    Guided(Guided),
+}
+
+/// Who leads a hand.
+pub enum Leader {
+    /// The built-in surgeon.
+    Surgeon,
+    /// A user who holds a device.
+    Device(Box<LinkedDevice>),
+    /// A user who says where a simulated hand shall go: mouse and keyboard.
+    Guide(Subscribed<Pose>),
+}
+
+/// A simulated hand that goes where it is told, no faster than a hand does: a mouse moves by leaps.
+struct Guided {
+    hand: SimulatedHand,
+    told: Subscribed<Pose>,
+    target: Pose,
+    dt: f64,
+}
+
+impl Guided {
+    /// \[mm/s\]
+    const SPEED: f64 = 80.0;
+    /// \[rad/s\]
+    const SPIN: f64 = 2.0;
+    /// Of the lag behind what is told \[s\].
+    const LAG: f64 = 0.03;
+
+    fn step(&mut self) {
+        let told = *self.told.read();
+        let share = self.dt / Self::LAG;
+        let way = (told.translation.vector - self.target.translation.vector) * share;
+        self.target.translation.vector += way.cap_magnitude(Self::SPEED * self.dt);
+        let turn = (told.rotation * self.target.rotation.inverse()).scaled_axis() * share;
+        let turn = UnitQuaternion::from_scaled_axis(turn.cap_magnitude(Self::SPIN * self.dt));
+        self.target.rotation = turn * self.target.rotation;
+        self.target.rotation.renormalize();
+        self.hand.follow(self.target);
+    }
 }
 
 /// Opens the physical devices that a scenario names, and narrows the tools' limits and couplings to what they bear. Says what each is and
@@ -109,22 +150,38 @@ impl Input {
         line: SplitLine,
         devices: [Option<LinkedDevice>; 2],
     ) -> Result<Self> {
+        let leader =
+            |d: Option<LinkedDevice>| d.map_or(Leader::Surgeon, |d| Leader::Device(Box::new(d)));
+        Self::led(scenario, line, devices.map(leader))
+    }
+
+    /// Each hand led by whom it is given; at rest where the surgeon starts.
+    ///
+    /// # Errors
+    /// As [`live`](Self::live).
+    pub fn led(scenario: &Scenario, line: SplitLine, leaders: [Leader; 2]) -> Result<Self> {
         let surgeon = BuiltInSurgeon::new(scenario, line);
         let start = surgeon.targets();
         let dt = scenario.loops.dt();
-        let hand = |i: usize, device: Option<LinkedDevice>| -> Result<Hand> {
+        let hand = |i: usize, leader: Leader| -> Result<Hand> {
             let tool = &scenario.tool[i];
-            let Some(device) = device else {
-                let parameters = tool.hand_parameters();
-                return Ok(Hand::Simulated(SimulatedHand::new(
-                    parameters, start[i], dt,
-                )?));
-            };
-            let workspace = workspace(&tool.workspace, start[i]);
-            let operated = OperatedDevice::new(Box::new(device), workspace, dt);
-            Ok(Hand::Operated(operated))
+            let simulated = || SimulatedHand::new(tool.hand_parameters(), start[i], dt);
+            Ok(match leader {
+                Leader::Surgeon => Hand::Simulated(simulated()?),
+                Leader::Device(device) => {
+                    let workspace = workspace(&tool.workspace, start[i]);
+                    let operated = OperatedDevice::new(device, workspace, dt);
+                    Hand::Operated(operated)
+                }
+                Leader::Guide(told) => Hand::Guided(Guided {
+                    hand: simulated()?,
+                    told,
+                    target: start[i],
+                    dt,
+                }),
+            })
         };
-        let [left, right] = devices;
+        let [left, right] = leaders;
         Ok(Self::Live(Box::new(Live {
             hands: [hand(0, left)?, hand(1, right)?],
             surgeon,
@@ -168,7 +225,15 @@ impl Input {
     /// Lets the hands' owner look at the crack and the moving line, and decide.
     pub fn plan(&mut self, crack: &CrackView, line: &[Vec3]) {
         let Self::Live(live) = self else { return };
-        if live.is_paused || live.is_users() {
+        if live.is_paused {
+            return;
+        }
+        for hand in &mut live.hands {
+            if let Hand::Guided(guided) = hand {
+                guided.step();
+            }
+        }
+        if live.is_users() {
             return;
         }
         let tools = &live.seen;
@@ -202,6 +267,19 @@ impl Input {
         }
     }
 
+    /// A tick while time stands still: devices display zero, and their hands are let go.
+    pub fn rest(&mut self) {
+        let Self::Live(live) = self else { return };
+        for hand in &mut live.hands {
+            if let Hand::Operated(device) = hand {
+                device.poll();
+                device.follow(true);
+                // A fault is polled with the next reading; the device displays zero meanwhile.
+                let _ = device.write(&Wrench::default());
+            }
+        }
+    }
+
     /// Whether nothing more will come. A user goes on to the end of the scenario's time.
     pub fn is_finished(&self) -> bool {
         match self {
@@ -218,7 +296,7 @@ impl Input {
         let of = |(name, hand): (&str, &Hand)| {
             let events = match hand {
                 Hand::Operated(device) => device.events(),
-                Hand::Simulated(_) => &[],
+                Hand::Simulated(_) | Hand::Guided(_) => &[],
             };
             let told = events.iter().map(|e| match e.fault {
                 Some(fault) => format!("paused at {:.3} s: the {name} device: {fault}", e.time),
@@ -236,7 +314,7 @@ impl Input {
 
 impl Live {
     fn is_users(&self) -> bool {
-        self.hands.iter().all(|h| matches!(h, Hand::Operated(_)))
+        !self.hands.iter().any(|h| matches!(h, Hand::Simulated(_)))
     }
 
     fn read(&mut self) -> [Reading; 2] {
@@ -249,7 +327,7 @@ impl Live {
         }
         let is_paused = self.is_paused;
         self.hands.each_mut().map(|hand| match hand {
-            Hand::Simulated(hand) => hand.read(),
+            Hand::Simulated(hand) | Hand::Guided(Guided { hand, .. }) => hand.read(),
             Hand::Operated(device) => device.follow(is_paused),
         })
     }
@@ -263,8 +341,10 @@ impl Live {
             // Other faults are polled with the next reading; the device displays zero meanwhile.
             let _ = match hand {
                 Hand::Operated(device) => device.write(wrench),
-                Hand::Simulated(hand) if !self.is_paused => hand.write(wrench),
-                Hand::Simulated(_) => Ok(()),
+                Hand::Simulated(hand) | Hand::Guided(Guided { hand, .. }) if !self.is_paused => {
+                    hand.write(wrench)
+                }
+                Hand::Simulated(_) | Hand::Guided(_) => Ok(()),
             };
         }
         refused
@@ -403,6 +483,28 @@ mod tests {
         );
         assert!(events.iter().any(|e| e.contains("is back")), "{events:?}");
         assert!(!stage.input.is_finished());
+    }
+
+    #[test]
+    fn a_guided_hand_goes_where_it_is_told_at_a_hands_pace() {
+        let (mut told, hears) = crate::loops::latest(&Pose::identity());
+        let leaders = [Leader::Guide(hears), Leader::Surgeon];
+        let mut input = Input::led(&scenario("seed=1"), line(), leaders).unwrap();
+        let start = input.read()[0].pose;
+        let goal = Pose::translation(4.0, -3.0, 12.0) * start;
+        told.write(goal);
+        let mut before = start;
+        for _ in 0..1500 {
+            input.plan(&crack(), &[]);
+            let poses = input.read().map(|r| r.pose);
+            let step = (poses[0].translation.vector - before.translation.vector).norm();
+            assert!(step < 0.12, "{step} mm in a millisecond");
+            before = poses[0];
+            input.write(&[Wrench::default(); 2], &poses);
+        }
+        let miss = (before.translation.vector - goal.translation.vector).norm();
+        assert!(miss < 0.01, "{miss} mm off");
+        assert!(!input.is_finished());
     }
 
     #[test]

@@ -13,3 +13,4 @@ pub mod session;
 pub mod surgeon;
 mod talk;
 mod verify;
+mod window;

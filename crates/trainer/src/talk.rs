@@ -66,8 +66,13 @@ impl Progress {
     }
 
     /// Takes the bar away.
-    pub fn done(self) {
+    pub fn clear(&self) {
         self.bar.finish_and_clear();
+    }
+
+    /// Takes the bar away for good.
+    pub fn done(self) {
+        self.clear();
     }
 }
 

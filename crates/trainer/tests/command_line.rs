@@ -45,7 +45,6 @@ fn run_args<'a>(scenario: &'a str, more: &[&'a str]) -> Vec<&'a str> {
 
 #[test]
 fn wrong_command_lines_are_named() {
-    check_refused(&[], &["a command is missing", "--help"]);
     check_refused(&["rum"], &["rum", "run"]);
     check_refused(&["run", "a.toml"], &["--out"]);
     check_refused(

@@ -10,10 +10,12 @@
 //! | each loop | recorder | every sample | ring ([`rings`]); a full ring counts drops, never waits |
 //! | haptic | main, propagation | number of haptic steps made | [`Shared::steps`] |
 //! | any | all | stop | [`Shared::stop`] |
+//! | whoever looks on | all | pause, stop | [`Control`] |
 //!
 //! A triple buffer's reader never frees: the writer overwrites, and with it drops, the value two publications old.
 use crate::session::{BoneSample, GrowthSample, HapticSample, MainSample};
 use rtrb::{Consumer, Producer, RingBuffer};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// The writing end of a latest value.
@@ -117,21 +119,61 @@ pub fn rings() -> (RingsIn, RingsOut) {
     )
 }
 
+/// What somebody outside asks of the loops while they run; clones ask the same loops.
+#[derive(Clone, Debug, Default)]
+pub struct Control(Arc<Asked>);
+
+#[derive(Debug, Default)]
+struct Asked {
+    stop: AtomicBool,
+    pause: AtomicBool,
+}
+
+impl Control {
+    /// Lets time stand still, or go on.
+    pub fn pause(&self, is_paused: bool) {
+        self.0.pause.store(is_paused, Ordering::Release);
+    }
+    /// Whether time is to stand still.
+    pub fn is_paused(&self) -> bool {
+        self.0.pause.load(Ordering::Acquire)
+    }
+    /// Ends the session; what it has recorded is kept.
+    pub fn stop(&self) {
+        self.0.stop.store(true, Ordering::Release);
+    }
+    fn is_stopped(&self) -> bool {
+        self.0.stop.load(Ordering::Acquire)
+    }
+}
+
 /// Flags and counters all loops see.
 #[derive(Default)]
 pub struct Shared {
     stop: AtomicBool,
     steps: AtomicU64,
+    control: Control,
 }
 
 impl Shared {
+    /// Of a session that obeys `control`.
+    pub fn under(control: &Control) -> Self {
+        Self {
+            control: control.clone(),
+            ..Self::default()
+        }
+    }
+    /// Whether time is to stand still.
+    pub fn is_paused(&self) -> bool {
+        self.control.is_paused()
+    }
     /// Asks every loop to end.
     pub fn stop(&self) {
         self.stop.store(true, Ordering::Release);
     }
     /// Whether to end.
     pub fn is_stopping(&self) -> bool {
-        self.stop.load(Ordering::Acquire)
+        self.stop.load(Ordering::Acquire) || self.control.is_stopped()
     }
     /// Says how many haptic steps have been made.
     pub fn count(&self, steps: u64) {

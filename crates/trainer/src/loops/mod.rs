@@ -3,9 +3,9 @@ mod exchange;
 mod lockstep;
 mod realtime;
 
-pub use exchange::{Published, Subscribed, latest};
+pub use exchange::{Control, Published, Subscribed, latest};
 pub use lockstep::lockstep;
-pub use realtime::realtime;
+pub use realtime::{realtime, realtime_under};
 
 use crate::input::Input;
 use crate::scenario::Scenario;
@@ -185,6 +185,11 @@ impl<H: HapticPart> HapticLoop<H> {
     fn silence(&mut self) {
         let tools = self.input.read().map(|r| r.pose);
         self.input.write(&[Wrench::default(); 2], &tools);
+    }
+
+    /// A tick while time stands still.
+    fn rest(&mut self) {
+        self.input.rest();
     }
 
     /// What went wrong on the way.
@@ -433,6 +438,67 @@ mod tests {
             pace.seconds > 0.49,
             "faster than the clock: {}",
             pace.seconds
+        );
+    }
+
+    #[test]
+    fn a_paused_session_stands_still_and_goes_on_where_it_was() {
+        let scenario = scenario(&["max_time=0.3"]);
+        let mut kept = Kept::default();
+        let control = Control::default();
+        let mut paused_at = None;
+        let mut rests = 0;
+        let mut progress = |time: f64, _: bool| {
+            if paused_at.is_none() && time > 0.1 {
+                control.pause(true);
+                paused_at = Some(time);
+            } else if control.is_paused() {
+                rests += 1;
+                let since = time - paused_at.unwrap();
+                // A step that was under way when it was asked for, on a machine that may stall.
+                assert!(rests < 3 || since < 0.1, "{since} s on while paused");
+                control.pause(rests < 20);
+            }
+        };
+        let input = surgeon(&scenario);
+        realtime_under(
+            &control,
+            parts(),
+            input,
+            &scenario,
+            &mut kept,
+            &mut progress,
+        )
+        .unwrap();
+        assert_eq!(kept.haptic.len(), 300);
+        assert!(kept.haptic.windows(2).all(|w| w[1].step == w[0].step + 1));
+        assert_eq!(kept.events, ["paused", "resumed"]);
+    }
+
+    #[test]
+    fn a_session_ends_when_it_is_told_to() {
+        let scenario = scenario(&["max_time=600.0"]);
+        let mut kept = Kept::default();
+        let control = Control::default();
+        let mut progress = |time: f64, _: bool| {
+            if time > 0.05 {
+                control.stop();
+            }
+        };
+        let input = surgeon(&scenario);
+        realtime_under(
+            &control,
+            parts(),
+            input,
+            &scenario,
+            &mut kept,
+            &mut progress,
+        )
+        .unwrap();
+        assert!(
+            (50..60_000).contains(&kept.haptic.len()),
+            "{}",
+            kept.haptic.len()
         );
     }
 

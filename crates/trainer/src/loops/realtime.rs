@@ -1,4 +1,4 @@
-use super::exchange::{Looked, RingIn, RingsOut, Shared, Timed, latest, rings};
+use super::exchange::{Control, Looked, RingIn, RingsOut, Shared, Timed, latest, rings};
 use super::lockstep::timed;
 use super::{
     BoneClock, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart,
@@ -25,7 +25,22 @@ pub fn realtime<H: HapticPart, M: MainPart, P: PropagationPart>(
     sink: &mut impl Sink,
     progress: Progress,
 ) -> Result<Parts<H, M, P>> {
-    let shared = Shared::default();
+    realtime_under(&Control::default(), parts, input, scenario, sink, progress)
+}
+
+/// Likewise, paused and stopped from outside.
+///
+/// # Errors
+/// As [`realtime`].
+pub fn realtime_under<H: HapticPart, M: MainPart, P: PropagationPart>(
+    control: &Control,
+    parts: Parts<H, M, P>,
+    input: Input,
+    scenario: &Scenario,
+    sink: &mut impl Sink,
+    progress: Progress,
+) -> Result<Parts<H, M, P>> {
+    let shared = Shared::under(control);
     let (rings_in, mut rings_out) = rings();
     let start = parts.propagation.crack();
     let (crack_tx, crack_rx) = latest(&view(&start));
@@ -171,6 +186,15 @@ impl Pacer {
         self.next += self.period;
         self.pace.seconds = self.start.elapsed().as_secs_f64();
     }
+
+    /// Waits a period that counts for nothing.
+    fn rest(&mut self) {
+        let before = Instant::now();
+        self.sleeper.sleep(self.period);
+        let now = Instant::now();
+        self.start += now - before;
+        self.next = now + self.period;
+    }
 }
 
 /// Of the haptic thread among those with real-time priority: above usual ones, below the kernel's own.
@@ -207,6 +231,11 @@ fn haptic_loop<H: HapticPart>(
     let mut pacer = Pacer::new(Duration::from_secs_f64(haptic.dt));
     let mut panic = None;
     while !shared.is_stopping() && !haptic.is_finished() {
+        if shared.is_paused() {
+            haptic.rest();
+            pacer.rest();
+            continue;
+        }
         let (sample, step_us) = match guarded("haptic", || timed(|| haptic.tick(crack.read()))) {
             Ok(ticked) => ticked,
             Err(words) => {
@@ -240,6 +269,10 @@ fn main_loop<M: MainPart>(
     let mut bone_clock = BoneClock::default();
     let mut panic = None;
     while !shared.is_stopping() {
+        if shared.is_paused() {
+            pacer.rest();
+            continue;
+        }
         let (mut sample, step_us) = match guarded("main", || timed(|| part.step())) {
             Ok(stepped) => stepped,
             Err(words) => {
@@ -277,10 +310,16 @@ fn propagation_loop<P: PropagationPart>(
     dt: f64,
 ) -> (P, Account) {
     let _stop = StopOnDrop(shared);
-    let start = Instant::now();
+    let mut start = Instant::now();
     let mut pace = Pace::default();
     let mut panic = None;
     while !shared.is_stopping() {
+        if shared.is_paused() {
+            let before = Instant::now();
+            std::thread::sleep(REST);
+            start += before.elapsed();
+            continue;
+        }
         let (propagated, step_us) = match guarded("propagation", || timed(|| part.step())) {
             Ok(stepped) => stepped,
             Err(words) => {
@@ -324,10 +363,16 @@ fn record(
     shared: &Shared,
     dt: f64,
 ) -> Result<()> {
-    let mut severed = false;
+    let (mut severed, mut was_paused) = (false, false);
     while !shared.is_stopping() {
         drain(rings, sink, &mut severed)?;
-        progress(shared.steps() as f64 * dt, severed);
+        let time = shared.steps() as f64 * dt;
+        let is_paused = shared.is_paused();
+        if is_paused != was_paused {
+            sink.event(time, if is_paused { "paused" } else { "resumed" })?;
+            was_paused = is_paused;
+        }
+        progress(time, severed);
         std::thread::sleep(Duration::from_millis(20));
     }
     Ok(())

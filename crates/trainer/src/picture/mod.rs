@@ -15,7 +15,8 @@ mod stage;
 mod tests;
 mod views;
 
-pub use print::{Finish, StereoMode, Video, write_png};
+pub use look::{BACKGROUND, LOAD_LETTERS};
+pub use print::{Finish, StereoMode, Video, eyes, write_png};
 pub use session_pictures::write_pictures;
-pub use stage::Stage;
+pub use stage::{Instant, Moment, Scenery, Stage, load_on_bone};
 pub use views::View;

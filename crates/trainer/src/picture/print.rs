@@ -4,6 +4,7 @@ use super::stage::Moment;
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use osteotome_render::{Camera, Canvas, Image, Options, Stereo, compose, render};
+use serde::{Deserialize, Serialize};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -20,7 +21,8 @@ pub struct Finish {
 }
 
 /// How the pictures of both eyes share one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum StereoMode {
     /// Halves, left eye left.
     SideBySide,
@@ -54,15 +56,27 @@ impl Finish {
         let Some(stereo) = self.stereo else {
             return eye(camera);
         };
-        let aside = 0.5 * EYES * camera.distance;
-        let [left, right] = [-aside, aside].map(|a| eye(&camera.aside(a)));
-        let mode = match stereo {
-            StereoMode::SideBySide => Stereo::SideBySide,
-            StereoMode::OverUnder => Stereo::OverUnder,
-            StereoMode::Interlaced => Stereo::Interlaced,
-            StereoMode::Anaglyph => Stereo::Anaglyph,
+        let [left, right] = eyes(camera).each_ref().map(eye);
+        stereo.join(&left, &right)
+    }
+}
+
+/// The left and the right eye of an observer at `camera`.
+pub fn eyes(camera: &Camera) -> [Camera; 2] {
+    let aside = 0.5 * EYES * camera.distance;
+    [-aside, aside].map(|a| camera.aside(a))
+}
+
+impl StereoMode {
+    /// The pictures of both eyes in one.
+    pub fn join(self, left: &Image, right: &Image) -> Image {
+        let mode = match self {
+            Self::SideBySide => Stereo::SideBySide,
+            Self::OverUnder => Stereo::OverUnder,
+            Self::Interlaced => Stereo::Interlaced,
+            Self::Anaglyph => Stereo::Anaglyph,
         };
-        compose(&left, &right, mode)
+        compose(left, right, mode)
     }
 }
 

@@ -3,6 +3,7 @@ use crate::session::GrowthSample;
 use anyhow::{Context, Result, bail};
 use osteotome_mechanics::crack::{CrackedBody, Growth};
 use osteotome_mechanics::geometry::{TriMesh, Vec3};
+use std::borrow::Borrow;
 
 /// A body that can be led through its recorded growths.
 pub struct Restored {
@@ -30,14 +31,15 @@ impl Restored {
     ///
     /// # Errors
     /// A recording that lacks growths, or does not fit the body.
-    pub fn go_to(&mut self, generation: usize, growth: &[GrowthSample]) -> Result<()> {
+    pub fn go_to(&mut self, generation: usize, growth: &[impl Borrow<GrowthSample>]) -> Result<()> {
         if generation < self.generation {
             self.now = self.sawn.clone();
             self.generation = 0;
         }
         while self.generation < generation {
             let k = self.generation + 1;
-            let next = growth.get(k).filter(|g| g.generation == k as u64);
+            let next = growth.get(k).map(Borrow::borrow);
+            let next = next.filter(|g| g.generation == k as u64);
             let next = next.with_context(|| format!("growth {k} of the crack is not recorded"))?;
             let grown = growth_of(&self.now, next)?;
             self.now = self.now.grown(grown)?;

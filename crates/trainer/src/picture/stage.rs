@@ -7,22 +7,44 @@ use super::restore::Restored;
 use super::{look, views::View};
 use crate::engine::Prepared;
 use crate::scenario::Scenario;
-use crate::session::{GrowthSample, HandSample, Recording};
+use crate::session::{BoneSample, GrowthSample, HandSample, Recording};
 use anyhow::{Context, Result, bail};
 use osteotome_mechanics::crack::CrackedBody;
 use osteotome_mechanics::geometry::Vec3;
 use osteotome_mechanics::tool::{Chisel, ChiselParameters};
 use osteotome_render::{Kind, Material, Scene, scene::vertex_normals};
+use std::borrow::Borrow;
 
-/// A session ready to be looked at.
+/// A recorded session ready to be looked at.
 pub struct Stage<'a> {
-    prepared: &'a Prepared,
+    scenery: Scenery<'a>,
     recording: &'a Recording,
+}
+
+/// A patient's bone, ready to be shown in any state of any session.
+pub struct Scenery<'a> {
+    prepared: &'a Prepared,
+    scenario: &'a Scenario,
     chisels: [Chisel; 2],
     places: Places,
     restored: Restored,
     /// The skins of the generation last shown.
     skins: Option<(usize, Skins)>,
+}
+
+/// What is to be shown of a session.
+#[derive(Clone, Copy)]
+pub struct Instant<'a> {
+    /// When \[s\].
+    pub time: f64,
+    /// The bone's state; `None`: sawn and at rest.
+    pub bone: Option<&'a BoneSample>,
+    /// Both hands.
+    pub hands: [&'a HandSample; 2],
+    /// How far fragments are taken apart along the mean normal of their broken faces, all but the largest \[mm\].
+    pub apart: f64,
+    /// Whether arrows show the loads.
+    pub shows_loads: bool,
 }
 
 /// All that moves with the bone, of one generation.
@@ -74,7 +96,52 @@ impl<'a> Stage<'a> {
         if recording.bone.is_empty() {
             bail!("the bone's displacements are not recorded; record the session again");
         }
-        let scenario = &recording.scenario.scenario;
+        Ok(Self {
+            scenery: Scenery::new(prepared, &recording.scenario.scenario)?,
+            recording,
+        })
+    }
+
+    /// The recording.
+    pub fn recording(&self) -> &Recording {
+        self.recording
+    }
+
+    /// A view's camera.
+    pub fn camera(&self, view: View, aspect: f64) -> osteotome_render::Camera {
+        view.camera(self.scenery.prepared, aspect)
+    }
+
+    /// The scene at `time` \[s\], or at the session's nearest end: hands of that step, the bone as last recorded before. All
+    /// fragments but the largest are moved `apart` \[mm\] along the mean normal of their broken faces.
+    ///
+    /// # Errors
+    /// A recording that does not fit the bone.
+    pub fn at(&mut self, time: f64, apart: f64) -> Result<Moment> {
+        let recording = self.recording;
+        let bones = &recording.bone;
+        let k = bones.partition_point(|b| b.time <= time + 1e-9);
+        let step = (time / self.scenery.scenario.loops.dt()).round().max(0.0) as usize;
+        let instant = Instant {
+            time,
+            bone: bones.get(k.saturating_sub(1)),
+            hands: recording
+                .hands
+                .each_ref()
+                .map(|h| &h[step.min(h.len() - 1)]),
+            apart,
+            shows_loads: true,
+        };
+        self.scenery.moment(&instant, &recording.growth)
+    }
+}
+
+impl<'a> Scenery<'a> {
+    /// Of a session with this bone and this scenario.
+    ///
+    /// # Errors
+    /// A chisel that mechanics refuses.
+    pub fn new(prepared: &'a Prepared, scenario: &'a Scenario) -> Result<Self> {
         let blade = |i: usize| {
             let c = &scenario.tool[i].chisel;
             Chisel::new(ChiselParameters {
@@ -91,75 +158,58 @@ impl<'a> Stage<'a> {
             restored: Restored::new(body),
             skins: None,
             prepared,
-            recording,
+            scenario,
         })
     }
 
-    /// The recording.
-    pub fn recording(&self) -> &Recording {
-        self.recording
-    }
-
-    /// A view's camera.
-    pub fn camera(&self, view: View, aspect: f64) -> osteotome_render::Camera {
-        view.camera(self.prepared, aspect)
-    }
-
-    /// The scene at `time` \[s\], or at the session's nearest end: hands of that step, the bone as last recorded before. All
-    /// fragments but the largest are moved `apart` \[mm\] along the mean normal of their broken faces.
+    /// The scene at an instant; `growth[k]` led to generation `k`.
     ///
     /// # Errors
-    /// A recording that does not fit the bone.
-    pub fn at(&mut self, time: f64, apart: f64) -> Result<Moment> {
-        let bones = &self.recording.bone;
-        let k = bones.partition_point(|b| b.time <= time + 1e-9);
-        let bone = &bones[k.saturating_sub(1)];
-        let generation = usize::try_from(bone.generation)?;
-        self.show(generation)?;
+    /// A state or a growth that does not fit the bone.
+    pub fn moment(
+        &mut self,
+        now: &Instant,
+        growth: &[impl Borrow<GrowthSample>],
+    ) -> Result<Moment> {
+        let generation = now.bone.map_or(Ok(0), |b| usize::try_from(b.generation))?;
+        self.show(generation, growth)?;
         let body = self.restored.body();
-        if bone.x_um.len() != body.system.n() {
-            bail!(
-                "the bone at {:.2} s has {} unknowns, {} are recorded",
-                bone.time,
-                body.system.n(),
-                bone.x_um.len()
-            );
-        }
-        let x: Vec<f64> = bone.x_um.iter().map(|v| f64::from(*v) * 1e-3).collect();
+        let x = match now.bone {
+            Some(bone) => unknowns(body, bone)?,
+            None => vec![0.0; body.system.n()],
+        };
         let skins = self
             .skins
             .as_ref()
             .map(|s| &s.1)
             .context("no bone to show")?;
         let mut moved = moved_cells(body, &x);
-        if apart > 0.0 {
-            take_apart(body, &skins.gap, apart, &mut moved);
+        if now.apart > 0.0 {
+            take_apart(body, &skins.gap, now.apart, &mut moved);
         }
         let mut props = skins.props(&moved);
-        let growth = &self.recording.growth;
-        let scenario = &self.recording.scenario.scenario;
-        let step = (time / scenario.loops.dt()).round().max(0.0) as usize;
         let mut loads = [[0.0; 2]; 2];
-        for (i, hands) in self.recording.hands.iter().enumerate() {
-            let hand = &hands[step.min(hands.len() - 1)];
-            let (force, torque) = load_on_bone(hand, scenario, i);
+        for (i, hand) in now.hands.iter().enumerate() {
+            let (force, torque) = load_on_bone(hand, self.scenario, i);
             loads[i] = [force.norm(), torque.norm()];
             props.extend(chisel(&self.chisels[i], &hand.tool_pose));
-            props.extend(load(look::LOADS[i], &hand.tool_pose, &force, &torque));
+            if now.shows_loads {
+                props.extend(load(look::LOADS[i], &hand.tool_pose, &force, &torque));
+            }
         }
         Ok(Moment {
-            time,
+            time: now.time,
             loads,
             props,
-            growth: state_of(growth.get(generation)),
+            growth: state_of(growth.get(generation).map(Borrow::borrow)),
         })
     }
 
-    fn show(&mut self, generation: usize) -> Result<()> {
+    fn show(&mut self, generation: usize, growth: &[impl Borrow<GrowthSample>]) -> Result<()> {
         if self.skins.as_ref().is_some_and(|s| s.0 == generation) {
             return Ok(());
         }
-        self.restored.go_to(generation, &self.recording.growth)?;
+        self.restored.go_to(generation, growth)?;
         let body = self.restored.body();
         let patient = &self.prepared.patient;
         let gap = gap_skin(body, &*self.prepared.bone.body.region.0);
@@ -173,6 +223,18 @@ impl<'a> Stage<'a> {
         self.skins = Some((generation, skins));
         Ok(())
     }
+}
+
+fn unknowns(body: &CrackedBody, bone: &BoneSample) -> Result<Vec<f64>> {
+    if bone.x_um.len() != body.system.n() {
+        bail!(
+            "the bone at {:.2} s has {} unknowns, {} are recorded",
+            bone.time,
+            body.system.n(),
+            bone.x_um.len()
+        );
+    }
+    Ok(bone.x_um.iter().map(|v| f64::from(*v) * 1e-3).collect())
 }
 
 /// Moves the cells of all fragments but the largest away from what they broke off.
@@ -207,7 +269,7 @@ fn state_of(growth: Option<&GrowthSample>) -> GrowthState {
 }
 
 /// What a hand does to the bone: the opposite of what its device displays, unscaled.
-fn load_on_bone(hand: &HandSample, scenario: &Scenario, i: usize) -> (Vec3, Vec3) {
+pub fn load_on_bone(hand: &HandSample, scenario: &Scenario, i: usize) -> (Vec3, Vec3) {
     let tool = &scenario.tool[i];
     let unscaled = |v: Vec3, scale: f64| {
         if scale > 0.0 {

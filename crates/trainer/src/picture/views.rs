@@ -3,9 +3,11 @@ use crate::engine::Prepared;
 use clap::ValueEnum;
 use osteotome_mechanics::geometry::Vec3;
 use osteotome_render::Camera;
+use serde::{Deserialize, Serialize};
 
 /// Named views.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum View {
     /// From before the patient.
     Front,

@@ -601,7 +601,6 @@ pub struct Targets {}
 /// The shipped scenario, right side.
 pub const BSSO_RIGHT: &str = include_str!("../../../../scenarios/bsso_right.toml");
 /// The shipped scenario, left side.
-#[cfg(test)]
 pub const BSSO_LEFT: &str = include_str!("../../../../scenarios/bsso_left.toml");
 
 impl Tool {

@@ -36,7 +36,7 @@ impl SplitLine {
     /// Measures the line. Where no point is marked as ridge, the whole line counts as one.
     ///
     /// # Errors
-    /// [`NoLine`].
+    /// `NoLine`.
     pub fn new(marks: Vec<Mark>) -> Result<Self, NoLine> {
         let mut arc = Vec::with_capacity(marks.len());
         let mut length = 0.0;
@@ -131,7 +131,7 @@ impl SplitLine {
     /// A slit is neither straight nor flat, a blade is both. Its plane is the slit's mean one: through the chord over the
     /// blade's width and the mean direction of the saw, in the middle of the slit. Within this plane the edge would best
     /// lie along the chord, but on a hollow ridge two such blades' shafts would meet: so each leans towards the
-    /// common `drive`, by no more than [`MOST_LEAN`].
+    /// common `drive`, by no more than `MOST_LEAN`.
     pub fn frame(&self, s: f64, width: f64) -> Pose {
         let here = self.mark(s);
         let marks = self.below_blade(s, width);

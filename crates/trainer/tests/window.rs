@@ -1,0 +1,316 @@
+//! The window: what it says without a display, and under Xvfb a trainee's session by clicks and keys, looked at by its pixels.
+#![allow(clippy::print_stderr)] // a skipped test says so
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+
+fn osteotome() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_osteotome"));
+    command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY");
+    command
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn without_a_display_one_line_says_what_to_use_instead() {
+    let output = osteotome().arg("train").output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(text.lines().count(), 1, "{text}");
+    for word in [
+        "no display",
+        "osteotome demo",
+        "osteotome run",
+        "osteotome render",
+    ] {
+        assert!(text.contains(word), "{text}");
+    }
+    assert!(output.stdout.is_empty());
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn without_a_display_and_a_command_there_is_help() {
+    let output = osteotome().output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("train") && text.contains("demo"), "{text}");
+}
+
+#[test]
+fn a_scenario_that_is_not_there_is_wrong_input_with_or_without_a_display() {
+    let output = osteotome()
+        .args(["train", "no/such.toml"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        text.contains("no/such.toml") && text.lines().count() == 1,
+        "{text}"
+    );
+}
+
+/// A display that nobody sees.
+struct Display {
+    server: Child,
+    name: String,
+}
+
+impl Display {
+    /// `None`, and a line that says so, where Xvfb is not installed.
+    fn open() -> Option<Self> {
+        let mut command = Command::new("Xvfb");
+        command.args([
+            "-displayfd",
+            "1",
+            "-screen",
+            "0",
+            "1600x1000x24",
+            "-nolisten",
+            "tcp",
+        ]);
+        command.stdout(Stdio::piped()).stderr(Stdio::null());
+        let Ok(mut server) = command.spawn() else {
+            eprintln!("SKIPPED: Xvfb is not installed, so the window was not tested");
+            return None;
+        };
+        let mut number = String::new();
+        let mut out = std::io::BufReader::new(server.stdout.take()?);
+        std::io::BufRead::read_line(&mut out, &mut number).unwrap();
+        let name = format!(":{}", number.trim());
+        Some(Self { server, name })
+    }
+}
+
+impl Drop for Display {
+    fn drop(&mut self) {
+        // It is gone already if this fails.
+        let _ = self.server.kill();
+        let _ = self.server.wait();
+    }
+}
+
+/// A folder in which a script is rehearsed.
+struct Stage {
+    folder: tempfile::TempDir,
+    display: Display,
+}
+
+impl Stage {
+    fn open(settings: &str) -> Option<Self> {
+        let display = Display::open()?;
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("config")).unwrap();
+        let text = format!("draws_pictures = false\n{settings}");
+        std::fs::write(folder.path().join("config/window.toml"), text).unwrap();
+        Some(Self { folder, display })
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Screenshots go into the folder, sessions into `sessions` in it.
+    fn rehearse(&self, script: &str) -> Output {
+        let shot = |line: &str| match line.trim().strip_prefix("shot ") {
+            Some(name) => format!("shot {}\n", self.path(name).display()),
+            None => format!("{line}\n"),
+        };
+        let script: String = script.lines().map(shot).collect();
+        std::fs::write(self.path("script"), script).unwrap();
+        let mut command = osteotome();
+        command.args([
+            "train",
+            "--set",
+            "mesh.nodes=300",
+            "--set",
+            "mesh.shell_points=6000",
+        ]);
+        command.arg("--rehearse").arg(self.path("script"));
+        command.arg("--out").arg(self.path("sessions"));
+        command
+            .env("DISPLAY", &self.display.name)
+            .env("XDG_RUNTIME_DIR", self.folder.path())
+            .env("LIBGL_ALWAYS_SOFTWARE", "1")
+            .env("OSTEOTOME_CONFIG", self.path("config"));
+        let output = command.output().unwrap();
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{told}");
+        output
+    }
+
+    fn shot(&self, name: &str) -> Shot {
+        Shot::read(&self.path(name))
+    }
+}
+
+/// A screenshot.
+struct Shot {
+    width: usize,
+    height: usize,
+    rgb: Vec<[u8; 3]>,
+}
+
+impl Shot {
+    fn read(path: &Path) -> Self {
+        let file = std::io::BufReader::new(std::fs::File::open(path).unwrap());
+        let mut reader = png::Decoder::new(file).read_info().unwrap();
+        let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+        let info = reader.next_frame(&mut bytes).unwrap();
+        let n = info.color_type.samples();
+        Self {
+            width: info.width as usize,
+            height: info.height as usize,
+            rgb: bytes.chunks_exact(n).map(|p| [p[0], p[1], p[2]]).collect(),
+        }
+    }
+
+    /// Pixels of a part given in pixels from the left, the top, and the right or bottom where negative.
+    fn part(&self, x: [i32; 2], y: [i32; 2]) -> Vec<[u8; 3]> {
+        let place = |v: i32, n: usize| if v < 0 { n as i32 + v } else { v } as usize;
+        let [x, y] = [
+            x.map(|v| place(v, self.width)),
+            y.map(|v| place(v, self.height)),
+        ];
+        let row = |y: usize| &self.rgb[y * self.width + x[0]..y * self.width + x[1]];
+        (y[0]..y[1]).flat_map(row).copied().collect()
+    }
+
+    /// Between the panels beside it, above the plots.
+    fn scene(&self) -> Vec<[u8; 3]> {
+        self.part([238, -238], [60, -212])
+    }
+
+    /// The first plot, and the last.
+    fn plots(&self) -> [Vec<[u8; 3]>; 2] {
+        let third = (self.width as i32 - 472) / 3;
+        let of = |k: i32| self.part([238 + k * third, 236 + (k + 1) * third], [-170, -50]);
+        [of(0), of(2)]
+    }
+}
+
+fn n_different(a: &[[u8; 3]], b: &[[u8; 3]]) -> usize {
+    assert_eq!(a.len(), b.len());
+    let is_other = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > 12);
+    a.iter().zip(b).filter(is_other).count()
+}
+
+/// Of bone: light, and more red than blue.
+fn n_bone(part: &[[u8; 3]]) -> usize {
+    let is_bone = |p: &&[u8; 3]| p[0] > 110 && p[0] > p[2].saturating_add(20) && p[1] > p[2];
+    part.iter().filter(is_bone).count()
+}
+
+#[test]
+fn a_session_by_clicks_shows_moving_plots_pauses_resets_resizes_and_quits() {
+    let Some(stage) = Stage::open("") else { return };
+    stage.rehearse(
+        "wait Ready
+         rest 4
+         shot ready.png
+         click Start
+         wait Running
+         rest 3
+         shot early.png
+         rest 2
+         shot late.png
+         key Space
+         wait Paused
+         rest 1
+         shot paused.png
+         rest 2
+         shot still.png
+         drag 0.5 0.4 120 20
+         rest 3
+         shot turned.png
+         click Go on
+         wait Running
+         click Reset
+         wait Ready
+         rest 1
+         shot reset.png
+         size 1500 900
+         rest 1
+         shot large.png
+         click Start
+         wait Running
+         rest 1
+         quit",
+    );
+    let shot = |name: &str| stage.shot(&format!("{name}.png"));
+    let [ready, early, late] = ["ready", "early", "late"].map(shot);
+    assert_eq!([ready.width, ready.height], [1280, 720]);
+    let n = ready.scene().len();
+    let bone = n_bone(&ready.scene());
+    assert!(bone * 10 > n, "bone on {bone} of {n} pixels");
+    for k in 0..2 {
+        let [a, b] = [&early, &late].map(|s| s.plots()[k].clone());
+        let moved = n_different(&a, &b);
+        assert!(moved > 20, "plot {k}: {moved} pixels moved");
+    }
+    let [paused, still] = ["paused", "still"].map(shot);
+    for k in 0..2 {
+        let moved = n_different(&paused.plots()[k], &still.plots()[k]);
+        assert_eq!(moved, 0, "plot {k} moved while time stood still");
+    }
+    let turned = n_different(&still.scene(), &shot("turned").scene());
+    assert!(
+        turned * 10 > n,
+        "turning the view changed {turned} of {n} pixels"
+    );
+    let reset = shot("reset");
+    let left = n_different(&ready.plots()[0], &reset.plots()[0]);
+    assert!(left < 20, "{left} pixels of the first plot are left over");
+    let large = shot("large");
+    assert_eq!([large.width, large.height], [1500, 900]);
+    assert!(n_bone(&large.scene()) * 10 > large.scene().len());
+    for session in ["0001-bsso-right-side", "0002-bsso-right-side"] {
+        let folder = stage.path("sessions").join(session);
+        for file in [
+            "session.mcap",
+            "metrics.json",
+            "crack.ply",
+            "bone_final.vtu",
+        ] {
+            assert!(folder.join(file).is_file(), "{session} lacks {file}");
+        }
+    }
+    let n_entries = std::fs::read_dir(stage.path("sessions")).unwrap().count();
+    assert_eq!(n_entries, 2, "nothing half written");
+}
+
+#[test]
+fn keys_and_mouse_lead_the_chisels_and_what_they_meet_is_felt() {
+    let settings = "hands = [\"mouse\", \"mouse\"]\nis_transparent = true\n";
+    let Some(stage) = Stage::open(settings) else {
+        return;
+    };
+    stage.rehearse(
+        "wait Ready
+         click Start
+         wait Running
+         rest 0.5
+         hold W 8
+         wait in contact
+         shift-drag 0.5 0.4 150 0
+         rest 1
+         key F1
+         wait Hold the left chisel
+         key Escape
+         gone Hold the left chisel
+         click End
+         wait Session ended
+         click Look at the bone
+         quit",
+    );
+    let metrics = stage.path("sessions/0001-bsso-right-side/metrics.json");
+    let metrics: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(metrics).unwrap()).unwrap();
+    for hand in ["left", "right"] {
+        let figure = |name: &str| metrics["hands"][hand][name].as_f64().unwrap();
+        assert!(figure("path_length_mm") > 5.0, "{hand} hand");
+        assert!(figure("peak_force") > 1.0, "{hand} hand");
+    }
+    let kept = std::fs::read_to_string(stage.path("config/window.toml")).unwrap();
+    assert!(kept.contains("hands = [\"mouse\", \"mouse\"]"), "{kept}");
+}
