@@ -1,13 +1,14 @@
 //! What the commands do.
 use crate::cli::{CheckArgs, DemoArgs, Failure, Mode, ReplayArgs, RunArgs};
+use crate::debrief::{Findings, Score};
 use crate::engine::{self, Prepared};
 use crate::input::{Input, open_devices};
 use crate::loops::{lockstep, realtime};
 use crate::picture::{Stage, write_pictures};
 use crate::scenario::{self, Override, Scenario, Source};
 use crate::session::{
-    CrackMesh, Metrics, Recorder, Recording, SESSION, ScenarioMessage, SessionFolder, write_crack,
-    write_final_bone,
+    CrackMesh, Metrics, MetricsDocument, Outcome, Recorder, Recording, SESSION, ScenarioMessage,
+    SessionFolder, write_crack, write_final_bone,
 };
 use crate::talk::{self, Progress};
 use crate::verify::Comparison;
@@ -27,10 +28,9 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failure> {
     notes.iter().for_each(|note| talk::say(note));
     let prepared = prepare(&scenario)?;
     let input = live(&scenario, &prepared, devices)?;
-    let metrics = session(&scenario, &prepared, input, Mode::Realtime, &args.out)?;
-    talk::say(&talk::summary(&metrics.outcome()));
-    talk::say(&format!("Session: {}", args.out.display()));
-    if metrics.is_complete() {
+    let ended = session(&scenario, &prepared, input, Mode::Realtime, &args.out)?;
+    tell(&ended, &args.out);
+    if ended.outcome.time.is_some() {
         Ok(())
     } else {
         Err(Failure::Work(anyhow!(
@@ -67,12 +67,11 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         Some(recording) => Input::recorded(&scenario, &recording.hands).map_err(Failure::Input)?,
         None => live(&scenario, &prepared, devices)?,
     };
-    let metrics = session(&scenario, &prepared, input, args.mode, &args.out)?;
+    let ended = session(&scenario, &prepared, input, args.mode, &args.out)?;
     if args.json {
-        talk::say(&json(&metrics).map_err(Failure::Work)?);
+        talk::say(&json(&ended.document).map_err(Failure::Work)?);
     } else {
-        talk::say(&talk::summary(&metrics.outcome()));
-        talk::say(&format!("Session: {}", args.out.display()));
+        tell(&ended, &args.out);
     }
     Ok(())
 }
@@ -150,9 +149,8 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     let input = || Input::recorded(&scenario, &recording.hands).map_err(Failure::Input);
     if let Some(out) = &args.out {
         SessionFolder::check(out, &SESSION).map_err(Failure::Input)?;
-        let metrics = session(&scenario, &prepared, input()?, Mode::Lockstep, out)?;
-        talk::say(&talk::summary(&metrics.outcome()));
-        talk::say(&format!("Session: {}", out.display()));
+        let ended = session(&scenario, &prepared, input()?, Mode::Lockstep, out)?;
+        tell(&ended, out);
     }
     if args.verify {
         verify(&recording, &prepared, input()?)?;
@@ -205,6 +203,21 @@ fn live(
     Input::live(scenario, prepared.line.clone(), devices).map_err(Failure::Input)
 }
 
+/// How a session ended.
+struct Ended {
+    outcome: Outcome,
+    document: MetricsDocument,
+    score: Option<Score>,
+}
+
+fn tell(ended: &Ended, out: &Path) {
+    talk::say(&talk::summary(&ended.outcome));
+    if let Some(score) = &ended.score {
+        talk::say(&talk::score(score));
+    }
+    talk::say(&format!("Session: {}", out.display()));
+}
+
 /// Runs a session and leaves its folder.
 fn session(
     scenario: &Scenario,
@@ -212,7 +225,7 @@ fn session(
     mut input: Input,
     mode: Mode,
     out: &Path,
-) -> Result<Metrics, Failure> {
+) -> Result<Ended, Failure> {
     let start = input.read().map(|r| r.pose);
     input.rewind();
     let engine = engine::connect(prepared, scenario, start).map_err(Failure::Input)?;
@@ -222,7 +235,7 @@ fn session(
         patient_digest: prepared.digest.clone(),
         mode: mode.name().to_owned(),
     };
-    let work = || -> Result<Metrics> {
+    let work = || -> Result<Ended> {
         let mut recorder = Recorder::create(folder.path(), &first)?;
         let mut bar = Progress::new(&scenario.name, millis(scenario.max_time));
         let mut progress = |time: f64, severed: bool| {
@@ -247,23 +260,37 @@ fn session(
             &write_final_bone(&engine::final_bone(&engine)),
         )?;
         let metrics = recorder.finish()?;
-        folder.write("metrics.json", &json(&metrics)?)?;
-        // A session is worth keeping without its pictures.
-        if let Err(error) = pictures(prepared, folder.path()) {
+        let mut ended = Ended {
+            outcome: metrics.outcome(),
+            document: metrics.document(),
+            score: None,
+        };
+        // A session is worth keeping without its debrief.
+        if let Err(error) = look_back(prepared, folder.path(), &mut ended) {
             talk::complain(&error);
         }
-        Ok(metrics)
+        folder.write("metrics.json", &json(&ended.document)?)?;
+        Ok(ended)
     };
-    let metrics = work()
+    let ended = work()
         .context("the session failed")
         .map_err(Failure::Work)?;
     let _: PathBuf = folder.finish().map_err(Failure::Work)?;
-    Ok(metrics)
+    Ok(ended)
+}
+
+/// What the recording that `folder` holds says: figures, pictures.
+fn look_back(prepared: &Prepared, folder: &Path, ended: &mut Ended) -> Result<()> {
+    let recording = Recording::read(&folder.join("session.mcap"))?;
+    let findings = Findings::of(prepared, &recording).context("the debrief")?;
+    let score = findings.score(&recording);
+    ended.document.complete(&findings, score.clone());
+    ended.score = Some(score);
+    pictures(prepared, folder, &recording)
 }
 
 /// Draws the session that `folder` holds.
-fn pictures(prepared: &Prepared, folder: &Path) -> Result<()> {
-    let recording = Recording::read(&folder.join("session.mcap"))?;
+fn pictures(prepared: &Prepared, folder: &Path, recording: &Recording) -> Result<()> {
     let mut bar = Progress::new("Drawing", 1000);
     let mut progress = |done: usize, all: usize| {
         bar.set(
@@ -271,15 +298,15 @@ fn pictures(prepared: &Prepared, folder: &Path) -> Result<()> {
             format!("picture {done} of {all}"),
         );
     };
-    let mut stage = Stage::new(prepared, &recording)?;
+    let mut stage = Stage::new(prepared, recording)?;
     write_pictures(&mut stage, &folder.join("pictures"), &mut progress)
         .context("the pictures of the session")?;
     bar.done();
     Ok(())
 }
 
-fn json(metrics: &Metrics) -> Result<String> {
-    Ok(serde_json::to_string_pretty(&metrics.document())?)
+fn json(document: &MetricsDocument) -> Result<String> {
+    Ok(serde_json::to_string_pretty(document)?)
 }
 
 fn recorded_figures(recording: &Recording) -> Metrics {
@@ -294,6 +321,10 @@ fn recorded_figures(recording: &Recording) -> Metrics {
     }
     growth.for_each(|g| metrics.growth(g));
     recording.main.iter().for_each(|m| metrics.main(m));
+    recording
+        .timing
+        .iter()
+        .for_each(|t| metrics.timing(t, false));
     metrics
 }
 

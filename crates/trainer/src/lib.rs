@@ -1,6 +1,7 @@
 //! The program `osteotome` as a library: its binary and its benches share it. Nothing outside the workspace relies on it.
 pub mod cli;
 mod commands;
+mod debrief;
 mod devices;
 pub mod engine;
 mod fracture;

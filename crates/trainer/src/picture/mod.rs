@@ -15,7 +15,9 @@ mod stage;
 mod tests;
 mod views;
 
+pub use anchored::{Anchor, moved_cells, piece_of, tet_at};
 pub use print::{Finish, StereoMode, Video, write_png};
+pub use restore::Restored;
 pub use session_pictures::write_pictures;
 pub use stage::Stage;
 pub use views::View;

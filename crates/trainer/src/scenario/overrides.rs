@@ -43,9 +43,10 @@ const ALTERNATIVES: [(&str, &[&str]); 3] = [
 ];
 
 /// Keys that hold a path.
-const PATHS: [[&str; 2]; 4] = [
+const PATHS: [[&str; 2]; 5] = [
     ["patient", "directory"],
     ["patient", "surface"],
+    ["patient", "canal"],
     ["mesh", "file"],
     ["osteotomy", "file"],
 ];

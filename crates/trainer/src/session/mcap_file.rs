@@ -71,7 +71,12 @@ pub struct RecordingWriter {
     channels: [u16; CHANNELS.len()],
     sequence: [u32; CHANNELS.len()],
     json: Vec<u8>,
+    /// Time of the last flush \[s\].
+    flushed: f64,
 }
+
+/// What a killed program loses at most \[s of the session\].
+const FLUSH_EVERY: f64 = 0.5;
 
 impl RecordingWriter {
     /// Starts a file with the scenario as its first message.
@@ -95,8 +100,10 @@ impl RecordingWriter {
             channels,
             sequence: [0; CHANNELS.len()],
             json: Vec::new(),
+            flushed: 0.0,
         };
         this.put(6, 0.0, first)?;
+        this.writer.flush()?;
         Ok(this)
     }
 
@@ -122,6 +129,10 @@ impl RecordingWriter {
     pub fn haptic(&mut self, sample: &HapticSample) -> Result<()> {
         for (i, hand) in sample.hands.iter().enumerate() {
             self.put(i, sample.time, &hand.to_wire())?;
+        }
+        if sample.time - self.flushed >= FLUSH_EVERY {
+            self.flushed = sample.time;
+            self.writer.flush()?;
         }
         Ok(())
     }
@@ -171,6 +182,12 @@ pub struct Recording {
     pub growth: Vec<GrowthSample>,
     /// The deformed bone, in the order of time; none in recordings made before there was such a channel.
     pub bone: Vec<BoneSample>,
+    /// How long steps took.
+    pub timing: Vec<StepTime>,
+    /// What was worth knowing, and when \[s\].
+    pub events: Vec<(f64, String)>,
+    /// Whether the recording breaks off: the program was killed, or the disk was full.
+    pub is_cut_short: bool,
 }
 
 impl Recording {
@@ -186,47 +203,57 @@ impl Recording {
             bail!("{name}: not an MCAP file; give the path of a session.mcap");
         }
         let damaged = || format!("{name}: the file is damaged; record the session again");
-        let stream = mcap::MessageStream::new(&bytes).with_context(damaged)?;
+        let whole = bytes.len() > 2 * mcap::MAGIC.len() && bytes.ends_with(mcap::MAGIC);
+        // Without its end a recording is read up to the last chunk that got to the disk.
+        let options = if whole {
+            Default::default()
+        } else {
+            mcap::read::Options::IgnoreEndMagic.into()
+        };
+        let stream =
+            mcap::MessageStream::new_with_options(&bytes, options).with_context(damaged)?;
         let mut scenario = None;
         let mut hands = [vec![], vec![]];
         let (mut main, mut growth, mut bone) = (vec![], vec![], vec![]);
+        let (mut timing, mut events) = (vec![], vec![]);
         for message in stream {
-            let message = message.with_context(damaged)?;
+            let message = match message {
+                Ok(message) => message,
+                Err(_) if !whole => break,
+                Err(error) => return Err(error).with_context(damaged),
+            };
             let topic = message.channel.topic.as_str();
             let bad =
                 || format!("{name}: a message on {topic} is not as in an osteotome recording");
-            let seconds = message.log_time as f64 * 1e-9;
+            let time = message.log_time as f64 * 1e-9;
+            let data = &message.data;
             match topic {
                 "/haptic/left" | "/haptic/right" => {
-                    let form = serde_json::from_slice(&message.data).with_context(bad)?;
+                    let form = serde_json::from_slice(data).with_context(bad)?;
                     hands[usize::from(topic == "/haptic/right")].push(HandSample::from_wire(&form));
                 }
-                "/main" => {
-                    let sample: MainSample =
-                        serde_json::from_slice(&message.data).with_context(bad)?;
-                    main.push(MainSample {
-                        time: seconds,
-                        ..sample
-                    });
-                }
-                "/crack" => {
-                    let sample: GrowthSample =
-                        serde_json::from_slice(&message.data).with_context(bad)?;
-                    growth.push(GrowthSample {
-                        time: seconds,
-                        ..sample
-                    });
-                }
-                "/bone" => {
-                    let sample: BoneSample =
-                        serde_json::from_slice(&message.data).with_context(bad)?;
-                    bone.push(BoneSample {
-                        time: seconds,
-                        ..sample
-                    });
+                "/main" => main.push(MainSample {
+                    time,
+                    ..serde_json::from_slice(data).with_context(bad)?
+                }),
+                "/crack" => growth.push(GrowthSample {
+                    time,
+                    ..serde_json::from_slice(data).with_context(bad)?
+                }),
+                "/bone" => bone.push(BoneSample {
+                    time,
+                    ..serde_json::from_slice(data).with_context(bad)?
+                }),
+                "/timing" => timing.push(StepTime {
+                    time,
+                    ..serde_json::from_slice(data).with_context(bad)?
+                }),
+                "/event" => {
+                    let event: Event = serde_json::from_slice(data).with_context(bad)?;
+                    events.push((time, event.event));
                 }
                 "/scenario" => {
-                    scenario = Some(serde_json::from_slice(&message.data).with_context(bad)?);
+                    scenario = Some(serde_json::from_slice(data).with_context(bad)?);
                 }
                 _ => {}
             }
@@ -234,11 +261,16 @@ impl Recording {
         let Some(scenario) = scenario else {
             bail!("{name}: there is no /scenario message; give a recording made by osteotome");
         };
+        let counts = hands.each_ref().map(Vec::len);
+        if !whole {
+            let both = counts[0].min(counts[1]);
+            hands.iter_mut().for_each(|h| h.truncate(both));
+        }
         if hands[0].is_empty() || hands[0].len() != hands[1].len() {
             bail!(
                 "{name}: {} left and {} right hand samples; both hands must be recorded alike",
-                hands[0].len(),
-                hands[1].len()
+                counts[0],
+                counts[1]
             );
         }
         Ok(Self {
@@ -247,11 +279,29 @@ impl Recording {
             main,
             growth,
             bone,
+            timing,
+            events,
+            is_cut_short: !whole,
         })
     }
 }
 
 impl Recording {
+    /// Nothing recorded yet.
+    #[cfg(test)]
+    pub fn empty(scenario: ScenarioMessage) -> Self {
+        Self {
+            scenario,
+            hands: [vec![], vec![]],
+            main: vec![],
+            growth: vec![],
+            bone: vec![],
+            timing: vec![],
+            events: vec![],
+            is_cut_short: false,
+        }
+    }
+
     /// Both hands, step by step of `dt` \[s\].
     pub fn haptic(&self, dt: f64) -> impl Iterator<Item = HapticSample> {
         let [left, right] = &self.hands;
