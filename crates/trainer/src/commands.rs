@@ -1,6 +1,6 @@
 //! What the commands do.
 use crate::cli::{CheckArgs, DemoArgs, Failure, Mode, ReplayArgs, RunArgs};
-use crate::debrief::{Findings, Score};
+use crate::debrief::{Figures, Findings, Score, Subject, page};
 use crate::engine::{self, Prepared};
 use crate::input::{Input, open_devices};
 use crate::loops::{lockstep, realtime};
@@ -137,15 +137,7 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
         return Ok(());
     }
     let scenario = recording.scenario.scenario.clone();
-    let prepared = prepare(&scenario)?;
-    if prepared.digest != recording.scenario.patient_digest {
-        return Err(Failure::Input(anyhow!(
-            "{}: the bone built from its scenario is not the one recorded (digest {}, recorded {}); its files have changed",
-            args.session.display(),
-            prepared.digest,
-            recording.scenario.patient_digest
-        )));
-    }
+    let prepared = prepare_recorded(&recording, &args.session)?;
     let input = || Input::recorded(&scenario, &recording.hands).map_err(Failure::Input);
     if let Some(out) = &args.out {
         SessionFolder::check(out, &SESSION).map_err(Failure::Input)?;
@@ -189,6 +181,20 @@ pub fn prepare(scenario: &Scenario) -> Result<Prepared, Failure> {
     let prepared = engine::prepare(scenario, &mut progress).map_err(Failure::Input);
     bar.done();
     prepared
+}
+
+/// The bone of a recording, which must still be the one that its scenario gives.
+pub fn prepare_recorded(recording: &Recording, path: &Path) -> Result<Prepared, Failure> {
+    let prepared = prepare(&recording.scenario.scenario)?;
+    if prepared.digest != recording.scenario.patient_digest {
+        return Err(Failure::Input(anyhow!(
+            "{}: the bone built from its scenario is not the one recorded (digest {}, recorded {}); its files have changed",
+            path.display(),
+            prepared.digest,
+            recording.scenario.patient_digest
+        )));
+    }
+    Ok(prepared)
 }
 
 fn built_in(scenario: &Scenario, prepared: &Prepared) -> Result<Input, Failure> {
@@ -266,7 +272,7 @@ fn session(
             score: None,
         };
         // A session is worth keeping without its debrief.
-        if let Err(error) = look_back(prepared, folder.path(), &mut ended) {
+        if let Err(error) = look_back(prepared, &folder, &mut ended) {
             talk::complain(&error);
         }
         folder.write("metrics.json", &json(&ended.document)?)?;
@@ -279,14 +285,24 @@ fn session(
     Ok(ended)
 }
 
-/// What the recording that `folder` holds says: figures, pictures.
-fn look_back(prepared: &Prepared, folder: &Path, ended: &mut Ended) -> Result<()> {
-    let recording = Recording::read(&folder.join("session.mcap"))?;
+/// What the recording that `folder` holds says: figures, page, pictures.
+fn look_back(prepared: &Prepared, folder: &SessionFolder, ended: &mut Ended) -> Result<()> {
+    let recording = Recording::read(&folder.path().join("session.mcap"))?;
     let findings = Findings::of(prepared, &recording).context("the debrief")?;
     let score = findings.score(&recording);
     ended.document.complete(&findings, score.clone());
+    let figures = Figures::of(&recording.scenario.scenario.name, &findings, &score);
+    let subject = Subject {
+        prepared,
+        recording: &recording,
+        findings: &findings,
+        score: &score,
+        figures: &figures,
+    };
+    let html = page(&subject, None, &[]).context("the debrief page")?;
+    folder.write("report.html", &html)?;
     ended.score = Some(score);
-    pictures(prepared, folder, &recording)
+    pictures(prepared, folder.path(), &recording)
 }
 
 /// Draws the session that `folder` holds.

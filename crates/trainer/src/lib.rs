@@ -9,6 +9,7 @@ pub mod input;
 pub mod loops;
 mod picture;
 mod render_command;
+mod report_command;
 pub mod scenario;
 pub mod session;
 pub mod surgeon;

@@ -46,8 +46,8 @@ impl<'a> Course<'a> {
     }
 
     /// Times of the states \[s\].
-    pub fn times(&self) -> impl Iterator<Item = f64> {
-        self.recording.bone.iter().map(|b| b.time)
+    pub fn times(&self) -> Vec<f64> {
+        self.recording.bone.iter().map(|b| b.time).collect()
     }
 
     /// The state in force at a time.

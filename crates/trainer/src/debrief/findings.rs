@@ -7,7 +7,7 @@ use super::nerve::{NerveFindings, nerve, reach};
 use super::path::{CrackTriangle, PathFindings, Plane, deviation};
 use super::score::Score;
 use crate::engine::Prepared;
-use crate::scenario::Chisel as Blade;
+use crate::scenario::{Chisel as Blade, Scenario};
 use crate::session::Recording;
 use anyhow::Result;
 use osteotome_anatomy::Tooth;
@@ -73,10 +73,7 @@ impl Findings {
         let chin = || course.fragment(&patient.frame.path[patient.frame.path.len() / 2]);
         let of_chin = layout.as_ref().and_then(|l| home(l, Region::Chin));
         let distal = broken_s.map(|_| of_chin.unwrap_or_else(chin));
-        let chisels = [
-            chisel(&scenario.tool[0].chisel)?,
-            chisel(&scenario.tool[1].chisel)?,
-        ];
+        let chisels = Self::chisels(scenario)?;
         let canal = patient
             .canals
             .iter()
@@ -96,6 +93,17 @@ impl Findings {
             bad_split,
             broken_s,
         })
+    }
+
+    /// The scenario's blades.
+    ///
+    /// # Errors
+    /// A shape that mechanics refuses.
+    pub fn chisels(scenario: &Scenario) -> Result<[Chisel; 2]> {
+        Ok([
+            chisel(&scenario.tool[0].chisel)?,
+            chisel(&scenario.tool[1].chisel)?,
+        ])
     }
 
     /// The score by the scenario's rubric.

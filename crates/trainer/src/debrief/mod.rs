@@ -8,12 +8,16 @@ mod findings;
 mod hands;
 mod motion;
 mod nerve;
+mod packed;
+mod page;
 mod path;
 mod score;
+mod shapes;
 
 pub use bad_split::BadSplit;
 pub use findings::{Findings, TeethFindings};
 pub use hands::HandFindings;
 pub use nerve::NerveFindings;
+pub use page::{Figures, Subject, page};
 pub use path::PathFindings;
 pub use score::Score;

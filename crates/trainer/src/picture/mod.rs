@@ -15,9 +15,11 @@ mod stage;
 mod tests;
 mod views;
 
-pub use anchored::{Anchor, moved_cells, piece_of, tet_at};
+pub use anchored::{Anchor, Skin, moved_cells, piece_of, tet_at};
+pub use bone_skin::Places;
 pub use print::{Finish, StereoMode, Video, write_png};
+pub use props::chisel;
 pub use restore::Restored;
-pub use session_pictures::write_pictures;
-pub use stage::Stage;
+pub use session_pictures::{shots, write_pictures};
+pub use stage::{Skins, Stage, away};
 pub use views::View;
