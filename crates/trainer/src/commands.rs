@@ -278,11 +278,23 @@ fn session(
         folder.write("metrics.json", &json(&ended.document)?)?;
         Ok(ended)
     };
-    let ended = work()
-        .context("the session failed")
-        .map_err(Failure::Work)?;
+    let ended = match work().context("the session failed") {
+        Ok(ended) => ended,
+        Err(error) => return Err(Failure::Work(keep(folder, error))),
+    };
     let _: PathBuf = folder.finish().map_err(Failure::Work)?;
     Ok(ended)
+}
+
+/// What was recorded before a failure is not thrown away.
+fn keep(folder: SessionFolder, error: anyhow::Error) -> anyhow::Error {
+    match folder.keep() {
+        Some(kept) => {
+            let shown = kept.display();
+            error.context(format!("what was recorded until then is in {shown}"))
+        }
+        None => error,
+    }
 }
 
 /// What the recording that `folder` holds says: figures, page, pictures.

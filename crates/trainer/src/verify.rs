@@ -16,6 +16,11 @@ pub struct Comparison<'a> {
     different: Vec<String>,
 }
 
+/// What may be expected of a session against the clock.
+const TOLERANCE: &str = "Recorded in real time: its loops read each other's states at moments that lockstep does not repeat, and a crack that \
+    starts a step earlier or later goes another way. Until the first growth the tools agree within the way that a hand makes in a main step; \
+    after it there is no bound, and none is claimed. The recording itself is exact: replay, render and report work from it.";
+
 impl<'a> Comparison<'a> {
     /// Nothing compared yet.
     pub fn new(recording: &'a Recording) -> Self {
@@ -68,6 +73,8 @@ impl<'a> Comparison<'a> {
         }
         if self.is_exact() {
             lines.push("Identical to the last bit.".to_owned());
+        } else if self.recording.scenario.mode == "realtime" {
+            lines.push(TOLERANCE.to_owned());
         }
         lines.join("\n")
     }

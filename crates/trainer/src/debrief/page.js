@@ -55,11 +55,12 @@ function step(most, n) {
   const rough = most / n, ten = Math.pow(10, Math.floor(Math.log10(rough)));
   return ten * [1, 2, 5, 10].find((k) => k * ten >= rough);
 }
-const W = 900, LEFT = 62, RIGHT = 8;
+// As wide as the page at first, so that letters keep their size on a phone.
+const W = Math.min(Math.max($("main").clientWidth, 340), 1024), LEFT = 52, RIGHT = 8;
 const xOf = (t) => LEFT + (t / D.seconds) * (W - LEFT - RIGHT);
 
 function plot(id, lines, unit, label, wanted) {
-  const H = 190, top = 12, bottom = 160;
+  const H = 206, top = 12, bottom = 160;
   let most = wanted || 0;
   for (const l of lines) for (const v of l.values) if (v > most && isFinite(v)) most = v;
   if (!(most > 0)) most = 1;
@@ -70,8 +71,7 @@ function plot(id, lines, unit, label, wanted) {
     draw(s, "line", { x1: LEFT, x2: W - RIGHT, y1: y(v), y2: y(v), stroke: "var(--line)" });
     draw(s, "text", { x: LEFT - 8, y: y(v) + 4, "text-anchor": "end" }, +v.toPrecision(6));
   }
-  draw(s, "text", { x: 0, y: top + 2 }, unit);
-  const dx = step(D.seconds, 10);
+  const dx = step(D.seconds, W / 90);
   for (let t = 0; t <= D.seconds + 1e-9; t += dx) draw(s, "text", { x: xOf(t), y: bottom + 18, "text-anchor": "middle" }, +t.toPrecision(6) + (t + dx > D.seconds ? " s" : ""));
   if (D.broken_s !== null) {
     draw(s, "line", { x1: xOf(D.broken_s), x2: xOf(D.broken_s), y1: top, y2: bottom, stroke: "var(--soft)", "stroke-dasharray": "2 3" });
@@ -89,7 +89,7 @@ function plot(id, lines, unit, label, wanted) {
   listeners.push((t) => {
     const x = xOf(t);
     mark.setAttribute("x1", x); mark.setAttribute("x2", x);
-    value.setAttribute("x", Math.min(Math.max(x, LEFT + 90), W - 120));
+    value.setAttribute("x", Math.min(Math.max(x, 110), W - 110));
     value.setAttribute("text-anchor", "middle");
     value.textContent = lines.map((l) => `${l.name} ${(near(l, t) || 0).toPrecision(3)} ${unit}`).join("   ");
   });
@@ -154,12 +154,13 @@ function rubric() {
   }
 }
 
+const REGIONS = { buccal_front: "buccal plate, front half", buccal_back: "buccal plate, rear half", lingual_front: "lingual plate, front half", lingual_back: "lingual plate, rear half", condyle_neck: "condyle above its neck", coronoid: "coronoid process", lower_border: "lower border behind the buccal cut", ramus: "rear border of the ramus", chin: "chin" };
 function split() {
   const bad = D.bad_split;
   $("bad").textContent = bad ? (bad.kind ? `Type ${bad.kind}: ` : "None of the published types: ") + bad.reason : `No verdict: ${D.no_verdict}.`;
   if (!bad) { $("regions").hidden = true; return; }
   for (const [region, shares] of Object.entries(bad.regions)) {
-    const r = make("tr"), th = make("th", region.replace(/_/g, " "));
+    const r = make("tr"), th = make("th", REGIONS[region] || region);
     th.scope = "row";
     r.append(th, ...shares.map((s) => make("td", (100 * s).toFixed(0) + " %", "number")));
     $("regions").tBodies[0].append(r);

@@ -154,7 +154,7 @@ fn found(f: &Findings, key: &str) -> Found {
             },
         ),
         "nerve_distance" => make(
-            "Tools and crack to the canal's wall",
+            "Tools and crack to the canal's wall (below 0: within it)",
             "mm",
             1,
             nerve.map(|n| {

@@ -8,7 +8,7 @@ use crate::engine::Prepared;
 use crate::picture::{Anchor, Places, Skin, Skins, away, chisel, piece_of};
 use crate::session::Recording;
 use anyhow::Result;
-use osteotome_mechanics::geometry::{Pose, Vec3};
+use osteotome_mechanics::geometry::{MeshDistance, Pose, Vec3};
 use osteotome_mechanics::tool::Chisel;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -90,6 +90,9 @@ impl Shapes {
         );
         let mut nodes = Nodes::default();
         let (born, _) = course.births()?;
+        let bone = MeshDistance::new(prepared.patient.surface.clone());
+        let mut gap = skins.gap.skin.clone();
+        gap.rest.iter_mut().for_each(|p| trim(&bone, p));
         let mut parts = vec![
             nodes.part(
                 course,
@@ -98,14 +101,8 @@ impl Shapes {
                 &skins.bone.skin.triangles,
                 &[],
             ),
-            nodes.part(
-                course,
-                "broken",
-                &skins.gap.skin,
-                &skins.gap.skin.triangles,
-                &[],
-            ),
-            nodes.part(course, "sawn", &skins.gap.skin, &skins.gap.sawn, &[]),
+            nodes.part(course, "broken", &gap, &skins.gap.skin.triangles, &[]),
+            nodes.part(course, "sawn", &gap, &skins.gap.sawn, &[]),
             nodes.part(
                 course,
                 "crack",
@@ -223,6 +220,16 @@ impl Nodes {
             body.system.cell_displacements(&body.solid.mesh, cell, &x)[*k]
         };
         self.seen.iter().map(of).collect()
+    }
+}
+
+/// The faces of the crack are led on out of the bone; here they end at its surface.
+fn trim(bone: &MeshDistance, p: &mut [f32; 3]) {
+    let at = Vec3::from(p.map(f64::from));
+    if bone.signed(&at) > 0.0
+        && let Some(on) = bone.closest(&at)
+    {
+        *p = on.point.cast::<f32>().into();
     }
 }
 

@@ -67,7 +67,7 @@ function viewer() {
   });
   const times = floats(S.times), frames = new Int16Array(bytes(S.frames)), shift = new Float32Array(3 * S.n_nodes);
   const tools = S.tools.map((tool, i) => {
-    const rest = floats(tool.positions), poses = floats(tool.poses), m = mesh(new Float32Array(rest), new Uint32Array(bytes(tool.triangles)), (v) => rest[3 * v + 2] < -9 ? HANDS[i].map((c) => 0.25 * c) : [0.8, 0.82, 0.86]);
+    const rest = floats(tool.positions), poses = floats(tool.poses), m = mesh(new Float32Array(rest), new Uint32Array(bytes(tool.triangles)), (v) => rest[3 * v + 2] < -9 ? HANDS[i].map((c) => 0.5 * c) : [0.8, 0.82, 0.86]);
     const n = poses.length / 7, line = new Float32Array(3 * n);
     for (let k = 0; k < n; k++) line.set(poses.subarray(7 * k, 7 * k + 3), 3 * k);
     const path = { at: gl.createBuffer(), normal: gl.createBuffer(), tint: gl.createBuffer(), born: gl.createBuffer(), shown: 0, n };
@@ -142,7 +142,7 @@ function viewer() {
       gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
       gl.depthMask(false);
       gl.enable(gl.CULL_FACE);
-      how(0.13, 0, 0.1);
+      how(0.17, 0, 0.1);
       for (const side of [gl.FRONT, gl.BACK]) { gl.cullFace(side); put(parts[0]); }
       gl.disable(gl.CULL_FACE);
       gl.depthMask(true);

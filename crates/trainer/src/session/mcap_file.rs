@@ -332,20 +332,23 @@ mod tests {
     use super::*;
     use crate::scenario::{BSSO_RIGHT, Source, load};
 
-    #[test]
-    fn a_recording_reads_back_as_written() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("session.mcap");
+    fn first() -> ScenarioMessage {
         let source = Source::Text {
             name: "test".into(),
             text: BSSO_RIGHT.into(),
         };
-        let first = ScenarioMessage {
+        ScenarioMessage {
             scenario: load(&source, &[], Path::new("/")).unwrap(),
             patient_digest: "abc".into(),
             mode: "lockstep".into(),
-        };
-        let mut writer = RecordingWriter::create(&path, &first).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_recording_reads_back_as_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("session.mcap");
+        let mut writer = RecordingWriter::create(&path, &first()).unwrap();
         for step in 0..100u32 {
             let time = f64::from(step) * 1e-3;
             let hands = [hand(f64::from(step) / 7.0), hand(-0.3)];
@@ -373,6 +376,41 @@ mod tests {
             format!("{:?}", back.hands[0][99]),
             format!("{:?}", hand(99.0 / 7.0))
         );
+    }
+
+    /// A copy of the file is what a kill at that moment leaves.
+    #[test]
+    fn a_killed_recording_lacks_less_than_a_second_and_no_byte_cut_makes_it_unreadable() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, copy) = (
+            folder.path().join("session.mcap"),
+            folder.path().join("copy.mcap"),
+        );
+        let mut writer = RecordingWriter::create(&path, &first()).unwrap();
+        let n = 3777;
+        for step in 0..n {
+            let hands = [hand(step as f64 / 7.0), hand(-0.3)];
+            let time = step as f64 * 1e-3;
+            writer.haptic(&HapticSample { step, time, hands }).unwrap();
+        }
+        std::fs::copy(&path, &copy).unwrap();
+        let back = Recording::read(&copy).unwrap();
+        assert!(back.is_cut_short);
+        assert!(
+            back.hands[0].len() as u64 > n - 1000,
+            "{}",
+            back.hands[0].len()
+        );
+        let bytes = std::fs::read(&copy).unwrap();
+        let mut before = 0;
+        for share in [0.3, 0.5, 0.77, 0.999] {
+            std::fs::write(&copy, &bytes[..(share * bytes.len() as f64) as usize]).unwrap();
+            let there = Recording::read(&copy).unwrap().hands[0].len();
+            assert!(there >= before && there > 0, "{share}: {there}");
+            before = there;
+        }
+        writer.finish().unwrap();
+        assert!(!Recording::read(&path).unwrap().is_cut_short);
     }
 
     #[test]
