@@ -44,7 +44,9 @@ fn first_there(names: &[&str]) -> Option<String> {
 }
 
 /// Catches whatever goes wrong, before anything else of the page runs.
+/// A browser without a window draws no frames when it only dumps the page, so frames come from a timer.
 const WATCH: &str = "<script>window.wrong = [];
+    window.requestAnimationFrame = (f) => setTimeout(() => f(performance.now()), 16);
     addEventListener('error', (e) => wrong.push('error: ' + e.message));
     addEventListener('unhandledrejection', (e) => wrong.push('rejected: ' + e.reason));
     addEventListener('securitypolicyviolation', (e) => wrong.push('asked for ' + e.blockedURI));
