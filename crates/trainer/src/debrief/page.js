@@ -91,7 +91,7 @@ function plot(id, lines, unit, label, wanted) {
     mark.setAttribute("x1", x); mark.setAttribute("x2", x);
     value.setAttribute("x", Math.min(Math.max(x, 110), W - 110));
     value.setAttribute("text-anchor", "middle");
-    value.textContent = lines.map((l) => `${l.name} ${(near(l, t) || 0).toPrecision(3)} ${unit}`).join("   ");
+    value.textContent = lines.map((l) => `${l.name} ${(near(l, t) || 0).toPrecision(3)} ${unit}`).join(", ");
   });
   const seek = (e) => { const r = s.getBoundingClientRect(); setTime((((e.clientX - r.left) / r.width) * W - LEFT) / (W - LEFT - RIGHT) * D.seconds); };
   s.addEventListener("pointerdown", (e) => { s.setPointerCapture(e.pointerId); seek(e); });

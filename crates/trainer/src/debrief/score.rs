@@ -154,7 +154,7 @@ fn found(f: &Findings, key: &str) -> Found {
             },
         ),
         "nerve_distance" => make(
-            "Tools and crack to the canal's wall (below 0: within it)",
+            "Tools and crack to the canal's wall (negative within it)",
             "mm",
             1,
             nerve.map(|n| {

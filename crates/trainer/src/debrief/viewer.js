@@ -117,7 +117,7 @@ function viewer() {
     gl.viewport(0, 0, w, h);
     gl.clearColor(0.075, 0.098, 0.125, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    const r = S.radius, far = r * eye.away * Math.max(1, Math.sqrt(h / w)), to = S.target.map((c, i) => c + eye.aside[i]);
+    const r = S.radius, far = r * eye.away * Math.max(1, 1.5 * h / w), to = S.target.map((c, i) => c + eye.aside[i]);
     const from = [to[0] + far * Math.cos(eye.tilt) * Math.sin(eye.turn), to[1] - far * Math.cos(eye.tilt) * Math.cos(eye.turn), to[2] + far * Math.sin(eye.tilt)];
     gl.uniformMatrix4fv(where("view"), false, V.look(from, to, [0, 0, 1]));
     gl.uniformMatrix4fv(where("lens"), false, V.perspective(0.45, w / h, 0.1 * r, far + 12 * r));
