@@ -1,5 +1,6 @@
 //! What a session leaves, as others meet it: the page in a browser, the recording in the stock Python reader, a killed and a full disk.
 #![cfg(unix)]
+#![expect(clippy::print_stdout, reason = "a test that is skipped says so")]
 use osteotome::session::Recording;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};

@@ -315,7 +315,8 @@ mod tests {
             assert_eq!(good.kind, None, "{}", good.reason);
             assert_eq!(good.fragments, [1, 0]);
             assert_eq!(good.regions.len(), 9, "{:?}", good.regions.keys());
-            let cases: [(&[(Region, u32)], &str, &str); 10] = [
+            type Case<'a> = (&'a [(Region, u32)], &'a str, &'a str);
+            let cases: [Case; 10] = [
                 (
                     &[(BuccalFront, LOOSE)],
                     "1A",

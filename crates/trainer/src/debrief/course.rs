@@ -75,7 +75,7 @@ impl<'a> Course<'a> {
     /// A point's place in the bone.
     pub fn anchor(&self, p: &Vec3) -> Anchor {
         let (tet, weights) = tet_at(self.body(), p);
-        let cell = self.body().topology.cell_at(tet, &weights) as u32;
+        let cell = self.body().topology.cell_at(tet, &weights);
         Anchor { cell, weights }
     }
 

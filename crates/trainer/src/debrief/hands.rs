@@ -1,5 +1,5 @@
 //! What the hands did, from `/haptic` alone.
-use super::motion::{movements, path_length, spectral_arc_length, speeds};
+use super::motion::{movements, path_length, smoothness, speeds};
 use crate::scenario::Scenario;
 use crate::session::{HandSample, Recording};
 use osteotome_mechanics::geometry::{Pose, Vec3};
@@ -37,7 +37,7 @@ pub struct HandFindings {
     pub path_length_mm: f64,
     /// See [`movements`].
     pub movements: usize,
-    /// See [`spectral_arc_length`].
+    /// See [`smoothness`].
     pub smoothness: Option<f64>,
     /// How far the edge went on into the bone after the break \[mm\].
     pub overshoot_mm: Option<At>,
@@ -119,8 +119,8 @@ pub fn hand(recording: &Recording, i: usize, broken: Option<f64>) -> HandFinding
     let look = every as f64 * dt;
     let speed = speeds(&edge, look);
     found.path_length_mm = path_length(&edge);
-    found.movements = movements(&speed, look);
-    found.smoothness = spectral_arc_length(&speed, look);
+    found.movements = movements(&speed, look).len();
+    found.smoothness = smoothness(&speed, look);
     let forces: Vec<f64> = looked.iter().map(|s| load(s, scenario, i)[0]).collect();
     found.slips_s = slips(&forces, &edge, look, broken);
     found.overshoot_mm = broken.map(|t| overshoot(samples, dt, t));

@@ -1,5 +1,6 @@
 //! How a hand moves: path, movements, smoothness.
 use osteotome_mechanics::geometry::Vec3;
+use std::ops::Range;
 
 /// Length of a path \[mm\].
 pub fn path_length(points: &[Vec3]) -> f64 {
@@ -24,20 +25,26 @@ const RESTS: f64 = 2.0;
 /// What is shorter is no movement and no rest \[s\].
 const SHORTEST: f64 = 0.1;
 
-/// Number of movements: stretches faster than 2 mm/s that last at least .1 s, parted by rests of at least .1 s.
-pub fn movements(speed: &[f64], dt: f64) -> usize {
+/// The movements: stretches faster than 2 mm/s that last at least .1 s, parted by rests of at least .1 s.
+pub fn movements(speed: &[f64], dt: f64) -> Vec<Range<usize>> {
     let least = (SHORTEST / dt).round() as usize;
-    let (mut n, mut moving, mut resting) = (0, 0, least);
-    for v in speed {
-        if *v > RESTS {
-            moving = if resting >= least { 1 } else { moving + 1 };
-            resting = 0;
-            n += usize::from(moving == least);
-        } else {
-            resting += 1;
+    let mut found: Vec<Range<usize>> = vec![];
+    for (k, _) in speed.iter().enumerate().filter(|(_, v)| **v > RESTS) {
+        match found.last_mut() {
+            Some(last) if k - last.end < least => last.end = k + 1,
+            _ => found.push(k..k + 1),
         }
     }
-    n
+    found.retain(|m| m.len() >= least);
+    found
+}
+
+/// Mean [`spectral_arc_length`] of the movements: rests between them count for nothing, so that long sessions compare with short ones.
+pub fn smoothness(speed: &[f64], dt: f64) -> Option<f64> {
+    let each = movements(speed, dt);
+    let each = each.into_iter().map(|m| spectral_arc_length(&speed[m], dt));
+    let known: Vec<f64> = each.flatten().collect();
+    (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
 }
 
 /// Spectral arc length of a speed profile: the negative length of its amplitude spectrum's curve, normalised by its value
@@ -107,16 +114,12 @@ mod tests {
             parts.iter().flat_map(|(n, v)| vec![*v; *n]).collect()
         };
         let three = profile(&[(50, 9.0), (20, 0.0), (30, 5.0), (15, 1.0), (12, 8.0)]);
-        assert_eq!(movements(&three, 0.01), 3);
+        assert_eq!(movements(&three, 0.01), [0..50, 70..100, 115..127]);
         // A rest of 50 ms parts nothing, a twitch of 50 ms is nothing.
-        assert_eq!(
-            movements(&profile(&[(50, 9.0), (5, 0.0), (50, 9.0)]), 0.01),
-            1
-        );
-        assert_eq!(
-            movements(&profile(&[(50, 0.0), (5, 9.0), (50, 0.0)]), 0.01),
-            0
-        );
+        let short_rest = profile(&[(50, 9.0), (5, 0.0), (50, 9.0)]);
+        assert_eq!(movements(&short_rest, 0.01).len(), 1);
+        let twitch = profile(&[(50, 0.0), (5, 9.0), (50, 0.0)]);
+        assert_eq!(movements(&twitch, 0.01), []);
     }
 
     #[test]
@@ -135,6 +138,10 @@ mod tests {
             many.extend(reach(dt));
         }
         assert!(spectral_arc_length(&many, dt).unwrap() < 2.0 * one);
+        // With rests between them, five smooth reaches are as smooth as one.
+        let each = smoothness(&many, dt).unwrap();
+        assert!((each - one).abs() < 0.1, "{each} and {one}");
+        assert_eq!(smoothness(&[0.0; 100], dt), None);
         assert_eq!(spectral_arc_length(&[0.0; 100], dt), None);
     }
 }
