@@ -17,9 +17,8 @@ pub struct Comparison<'a> {
 }
 
 /// What may be expected of a session against the clock.
-const TOLERANCE: &str = "Recorded in real time: its loops read each other's states at moments that lockstep does not repeat, and a crack that \
-    starts a step earlier or later goes another way. Until the first growth the tools agree within the way that a hand makes in a main step; \
-    after it there is no bound, and none is claimed. The recording itself is exact: replay, render and report work from it.";
+const TOLERANCE: &str = "Recorded in real time: its loops read each other's states at moments that lockstep does not repeat, so the \
+    deviation has no bound, least of all once the crack has grown otherwise. The recording itself is exact: replay, render and report work from it.";
 
 impl<'a> Comparison<'a> {
     /// Nothing compared yet.

@@ -199,7 +199,7 @@ function curve() {
     const f = make("figure");
     f.append(make("figcaption", what + (unit ? `, ${unit}` : "")));
     const s = svg(f, 300, 130, `${what} by session: ` + points.map((p) => `${p[0] + 1}: ${p[1].toFixed(1)}`).join(", "));
-    const low = Math.min(0, ...points.map((p) => p[1])), high = Math.max(low + 1e-6, ...points.map((p) => p[1]));
+    const low = Math.min(0, ...points.map((p) => p[1])), high = Math.max(0, low + 1e-6, ...points.map((p) => p[1]));
     const x = (k) => 40 + (k / (all.length - 1)) * 245, y = (v) => 100 - ((v - low) / (high - low)) * 85;
     for (const v of [low, high]) { draw(s, "line", { x1: 40, x2: 290, y1: y(v), y2: y(v), stroke: "var(--line)" }); draw(s, "text", { x: 34, y: y(v) + 4, "text-anchor": "end" }, +v.toPrecision(3)); }
     draw(s, "path", { d: points.map((p, n) => (n ? "L" : "M") + x(p[0]) + " " + y(p[1])).join(""), fill: "none", stroke: "var(--accent)", "stroke-width": 2 });
