@@ -3,6 +3,7 @@
 //! [`Patient::build`] reads or makes a surface, checks it, meshes it, gives each tetrahedron its material, spreads the point
 //! shell and places the pre-sawn line. Whatever is wrong with a file comes back as one line of [`AnatomyError`]; nothing here
 //! panics on a file. Frame everywhere: mm, LPS (x = patient left, y = posterior, z = superior).
+pub mod canal;
 mod error;
 pub mod focus;
 pub mod landmarks;
@@ -20,6 +21,7 @@ pub mod surface;
 pub mod teeth;
 pub mod vtu;
 
+pub use canal::Canal;
 pub use error::AnatomyError;
 pub use focus::Focus;
 pub use landmarks::{JawFrame, Landmarks, SideLandmarks};

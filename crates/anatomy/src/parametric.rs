@@ -3,8 +3,10 @@
 //! Frame: mm, x = patient left, y = posterior, z = superior; origin midway between the condyle centres; symmetric about x = 0.
 //! Sizes at scale 1 follow published means (ramus 31.3 wide and 44.8 high, gonial angle 124.8 degrees, bicondylar width about
 //! 120, bigonial about 98, body 28-32 high and 11-14 broad). The shape between them is invented and must be shown as such.
+use crate::canal::{Canal, MEAN_DIAMETER, smooth_line};
 use crate::error::{AnatomyError, in_range};
 use crate::landmarks::{Landmarks, SideLandmarks, cast};
+use crate::osteotomy::Side;
 use crate::teeth::{Crown, ToothKind};
 use osteotome_mechanics::geometry::{Aabb, MeshDistance, SignedDistance, Vec3};
 use serde::{Deserialize, Serialize};
@@ -514,6 +516,50 @@ impl ParametricMandible {
             lower_border: cast(surface, &below, &Vec3::z())
                 .ok_or_else(|| missing("lower border"))?,
         })
+    }
+
+    /// The canals, right and left: constructed, by published mean distances at the first molar (6.6 mm to the cheek side, 4.1 to the
+    /// tongue side, 8.8 to the lower border), between this mandible's foramina.
+    pub fn canals(&self) -> [Canal; 2] {
+        let lingula = self.lingula();
+        let foramen = self.surface_from(&(lingula + Vec3::new(0.0, 2.0, -6.5)), &-Vec3::x());
+        let mut points = vec![foramen, foramen + Vec3::new(3.0, -1.0, -4.0)];
+        points.extend([47.5, 38.5, 29.0].map(|along| self.canal_below(along)));
+        let mental = self.canal_below(PREMOLARS);
+        let out = Vec3::new(mental.x, mental.y - self.gonion.y, 0.0).normalize();
+        points.push(self.surface_from(&mental, &out));
+        let left = smooth_line(&points, 8);
+        [Side::Right, Side::Left].map(|side| {
+            let world = |p: &Vec3| Vec3::new(side.sign() * p.x, p.y, p.z) * self.parameters.scale;
+            Canal {
+                side,
+                line: left.iter().map(world).collect(),
+                radius: 0.5 * MEAN_DIAMETER * self.parameters.scale,
+                is_constructed: true,
+            }
+        })
+    }
+
+    /// The canal's centre `along` the row of teeth \[mm at scale 1\].
+    fn canal_below(&self, along: f64) -> Vec3 {
+        let tooth = self.on_arch(along);
+        let off = |q: &ArchPoint| (q.at[0] - tooth.x).hypot(q.at[1] - tooth.y);
+        let i = (1..N_ARCH)
+            .min_by(|a, b| off(&self.arch[*a]).total_cmp(&off(&self.arch[*b])))
+            .unwrap_or(1);
+        let (a, b) = (self.arch[i - 1].at, self.arch[i + 1].at);
+        let buccal = Vec3::new(b[1] - a[1], a[0] - b[0], 0.0).normalize();
+        let radius = 0.5 * MEAN_DIAMETER;
+        let at = Vec3::new(
+            self.arch[i].at[0],
+            self.arch[i].at[1],
+            self.arch[i].bottom + 8.8 + radius,
+        );
+        let (cheek, tongue) = (
+            self.surface_from(&at, &buccal),
+            self.surface_from(&at, &-buccal),
+        );
+        tongue.lerp(&cheek, (4.1 + radius) / (4.1 + 6.6 + 2.0 * radius))
     }
 
     fn cot(&self) -> f64 {

@@ -1,4 +1,5 @@
 //! A patient: everything about one jaw that the simulation starts from.
+use crate::canal::{Canal, read_canal};
 use crate::error::AnatomyError;
 use crate::landmarks::{JawFrame, Landmarks};
 use crate::materials::MaterialSpec;
@@ -42,6 +43,8 @@ pub struct Patient {
     pub frame: JawFrame,
     /// Named places, where they are known.
     pub landmarks: Option<Landmarks>,
+    /// The canals that are known.
+    pub canals: Vec<Canal>,
 }
 
 /// Where the bone's surface comes from.
@@ -97,6 +100,8 @@ pub struct PatientSpec {
     pub kerf: Option<f64>,
     /// Number of points of the shell.
     pub shell_points: usize,
+    /// A file with the canal of the operated side; goes before the parametric mandible's own.
+    pub canal: Option<PathBuf>,
 }
 
 impl Default for PatientSpec {
@@ -109,6 +114,7 @@ impl Default for PatientSpec {
             side: None,
             kerf: None,
             shell_points: 100_000,
+            canal: None,
         }
     }
 }
@@ -144,6 +150,11 @@ impl Patient {
             Some(parametric) => Some(parametric.landmarks(&distance)?),
             None => None,
         };
+        let canals = spec.canals(bone.parametric.as_ref())?;
+        if canals.iter().any(|c| c.is_constructed) {
+            let note = "the canal is placed by published mean distances, not seen in images";
+            bone.constructed.push(note.to_owned());
+        }
         progress("osteotomy", 0.1);
         let osteotomy = spec.osteotomy(&bone.name, landmarks.as_ref(), &distance)?;
         if spec.osteotomy == OsteotomySource::DalPont {
@@ -188,6 +199,7 @@ impl Patient {
             condyles: frame.condyles,
             frame,
             landmarks,
+            canals,
         })
     }
 
@@ -275,6 +287,14 @@ impl SurfaceSource {
 }
 
 impl PatientSpec {
+    fn canals(&self, bone: Option<&ParametricMandible>) -> Result<Vec<Canal>, AnatomyError> {
+        match (&self.canal, bone) {
+            (Some(path), _) => Ok(vec![read_canal(path)?]),
+            (None, Some(mandible)) => Ok(mandible.canals().into()),
+            (None, None) => Ok(vec![]),
+        }
+    }
+
     fn osteotomy(
         &self,
         name: &str,

@@ -4,6 +4,7 @@ use crate::devices;
 use crate::fracture;
 use crate::picture::{StereoMode, View};
 use crate::render_command;
+use crate::report_command;
 use crate::scenario::Override;
 use crate::talk;
 use crate::window;
@@ -41,6 +42,8 @@ enum Command {
     Check(CheckArgs),
     /// Plays a recorded session
     Replay(ReplayArgs),
+    /// The debrief of recorded sessions, as one page that works offline
+    Report(ReportArgs),
     /// A picture or a film of a recorded session
     Render(RenderArgs),
     /// Solves a fracture problem and grows its crack, for research and validation
@@ -125,6 +128,20 @@ pub struct ReplayArgs {
     /// Writes the recomputed session there
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+}
+
+/// Arguments of `report`.
+#[derive(Args)]
+pub struct ReportArgs {
+    /// Recordings in their order; the page is about the last one, all together give the learning curve
+    #[arg(required = true, value_name = "SESSION.mcap")]
+    pub sessions: Vec<PathBuf>,
+    /// A session to compare with, such as an expert's
+    #[arg(long, value_name = "SESSION.mcap")]
+    pub reference: Option<PathBuf>,
+    /// The page
+    #[arg(short, value_name = "FILE.html")]
+    pub output: PathBuf,
 }
 
 /// Arguments of `render`.
@@ -244,6 +261,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => commands::run(&args),
         Command::Check(args) => commands::check(&args),
         Command::Replay(args) => commands::replay(&args),
+        Command::Report(args) => report_command::report(&args),
         Command::Render(args) => render_command::render(&args),
         Command::Fracture(args) => fracture::fracture(&args),
         Command::Devices(args) => devices::devices(&args),

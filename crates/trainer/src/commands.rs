@@ -1,13 +1,15 @@
 //! What the commands do.
 use crate::cli::{CheckArgs, DemoArgs, Failure, Mode, ReplayArgs, RunArgs};
+use crate::debrief::{Figures, Findings, Score, Subject, page};
 use crate::engine::{self, Prepared};
 use crate::input::{Input, open_devices};
 use crate::loops::{Control, Sink, lockstep, realtime_under};
 use crate::picture::{self, write_pictures};
 use crate::scenario::{self, Override, Scenario, Source};
 use crate::session::{
-    BoneSample, CrackMesh, GrowthSample, HapticSample, Loop, MainSample, Metrics, Pace, Recorder,
-    Recording, SESSION, ScenarioMessage, SessionFolder, StepTime, write_crack, write_final_bone,
+    BoneSample, CrackMesh, GrowthSample, HapticSample, Loop, MainSample, Metrics, MetricsDocument,
+    Outcome, Pace, Recorder, Recording, SESSION, ScenarioMessage, SessionFolder, StepTime,
+    write_crack, write_final_bone,
 };
 use crate::talk::{self, Progress};
 use crate::verify::Comparison;
@@ -27,10 +29,9 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failure> {
     notes.iter().for_each(|note| talk::say(note));
     let prepared = prepare(&scenario)?;
     let input = live(&scenario, &prepared, devices)?;
-    let metrics = session(&scenario, &prepared, input, Mode::Realtime, &args.out)?;
-    talk::say(&talk::summary(&metrics.outcome()));
-    talk::say(&format!("Session: {}", args.out.display()));
-    if metrics.is_complete() {
+    let ended = session(&scenario, &prepared, input, Mode::Realtime, &args.out)?;
+    tell(&ended, &args.out);
+    if ended.outcome.time.is_some() {
         Ok(())
     } else {
         Err(Failure::Work(anyhow!(
@@ -67,12 +68,11 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         Some(recording) => Input::recorded(&scenario, &recording.hands).map_err(Failure::Input)?,
         None => live(&scenario, &prepared, devices)?,
     };
-    let metrics = session(&scenario, &prepared, input, args.mode, &args.out)?;
+    let ended = session(&scenario, &prepared, input, args.mode, &args.out)?;
     if args.json {
-        talk::say(&json(&metrics).map_err(Failure::Work)?);
+        talk::say(&json(&ended.document).map_err(Failure::Work)?);
     } else {
-        talk::say(&talk::summary(&metrics.outcome()));
-        talk::say(&format!("Session: {}", args.out.display()));
+        tell(&ended, &args.out);
     }
     Ok(())
 }
@@ -138,21 +138,12 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
         return Ok(());
     }
     let scenario = recording.scenario.scenario.clone();
-    let prepared = prepare(&scenario)?;
-    if prepared.digest != recording.scenario.patient_digest {
-        return Err(Failure::Input(anyhow!(
-            "{}: the bone built from its scenario is not the one recorded (digest {}, recorded {}); its files have changed",
-            args.session.display(),
-            prepared.digest,
-            recording.scenario.patient_digest
-        )));
-    }
+    let prepared = prepare_recorded(&recording, &args.session)?;
     let input = || Input::recorded(&scenario, &recording.hands).map_err(Failure::Input);
     if let Some(out) = &args.out {
         SessionFolder::check(out, &SESSION).map_err(Failure::Input)?;
-        let metrics = session(&scenario, &prepared, input()?, Mode::Lockstep, out)?;
-        talk::say(&talk::summary(&metrics.outcome()));
-        talk::say(&format!("Session: {}", out.display()));
+        let ended = session(&scenario, &prepared, input()?, Mode::Lockstep, out)?;
+        tell(&ended, out);
     }
     if args.verify {
         verify(&recording, &prepared, input()?)?;
@@ -193,6 +184,20 @@ pub fn prepare(scenario: &Scenario) -> Result<Prepared, Failure> {
     prepared
 }
 
+/// The bone of a recording, which must still be the one that its scenario gives.
+pub fn prepare_recorded(recording: &Recording, path: &Path) -> Result<Prepared, Failure> {
+    let prepared = prepare(&recording.scenario.scenario)?;
+    if prepared.digest != recording.scenario.patient_digest {
+        return Err(Failure::Input(anyhow!(
+            "{}: the bone built from its scenario is not the one recorded (digest {}, recorded {}); its files have changed",
+            path.display(),
+            prepared.digest,
+            recording.scenario.patient_digest
+        )));
+    }
+    Ok(prepared)
+}
+
 fn built_in(scenario: &Scenario, prepared: &Prepared) -> Result<Input, Failure> {
     Input::built_in(scenario, prepared.line.clone()).map_err(Failure::Input)
 }
@@ -205,6 +210,23 @@ fn live(
     Input::live(scenario, prepared.line.clone(), devices).map_err(Failure::Input)
 }
 
+/// How a session ended.
+pub struct Ended {
+    /// Its figures.
+    pub metrics: Metrics,
+    outcome: Outcome,
+    document: MetricsDocument,
+    score: Option<Score>,
+}
+
+fn tell(ended: &Ended, out: &Path) {
+    talk::say(&talk::summary(&ended.outcome));
+    if let Some(score) = &ended.score {
+        talk::say(&talk::score(score));
+    }
+    talk::say(&format!("Session: {}", out.display()));
+}
+
 /// Runs a session before a terminal and leaves its folder.
 fn session(
     scenario: &Scenario,
@@ -212,7 +234,7 @@ fn session(
     input: Input,
     mode: Mode,
     out: &Path,
-) -> Result<Metrics, Failure> {
+) -> Result<Ended, Failure> {
     let mut bar = Progress::new(&scenario.name, millis(scenario.max_time));
     let mut drawing = Progress::new("Drawing", 1000);
     let mut progress = |advance: Advance| match advance {
@@ -232,10 +254,10 @@ fn session(
         progress: &mut progress,
         draws: true,
     };
-    let metrics = keep_session(scenario, prepared, input, mode, out, &mut watch);
+    let ended = keep_session(scenario, prepared, input, mode, out, &mut watch);
     bar.done();
     drawing.done();
-    metrics
+    ended
 }
 
 /// How far a session has come.
@@ -333,7 +355,7 @@ pub fn keep_session(
     mode: Mode,
     out: &Path,
     watch: &mut Watch,
-) -> Result<Metrics, Failure> {
+) -> Result<Ended, Failure> {
     let start = input.read().map(|r| r.pose);
     input.rewind();
     let engine = engine::connect(prepared, scenario, start).map_err(Failure::Input)?;
@@ -343,7 +365,7 @@ pub fn keep_session(
         patient_digest: prepared.digest.clone(),
         mode: mode.name().to_owned(),
     };
-    let work = || -> Result<Metrics> {
+    let work = || -> Result<Ended> {
         let mut recorder = Recorder::create(folder.path(), &first)?;
         let mut sink = Both(&mut recorder, watch.sink);
         let mut progress =
@@ -368,33 +390,80 @@ pub fn keep_session(
             &write_final_bone(&engine::final_bone(&engine)),
         )?;
         let metrics = recorder.finish()?;
-        folder.write("metrics.json", &json(&metrics)?)?;
-        // A session is worth keeping without its pictures.
+        let mut ended = Ended {
+            outcome: metrics.outcome(),
+            document: metrics.document(),
+            score: None,
+            metrics,
+        };
+        // A session is worth keeping without its debrief.
         if watch.draws
-            && let Err(error) = pictures(prepared, folder.path(), watch.progress)
+            && let Err(error) = look_back(prepared, &folder, &mut ended, watch.progress)
         {
             talk::complain(&error);
         }
-        Ok(metrics)
+        folder.write("metrics.json", &json(&ended.document)?)?;
+        Ok(ended)
     };
-    let metrics = work()
-        .context("the session failed")
-        .map_err(Failure::Work)?;
+    let ended = match work().context("the session failed") {
+        Ok(ended) => ended,
+        Err(error) => return Err(Failure::Work(keep(folder, error))),
+    };
     let _: PathBuf = folder.finish().map_err(Failure::Work)?;
-    Ok(metrics)
+    Ok(ended)
+}
+
+/// What was recorded before a failure is not thrown away.
+fn keep(folder: SessionFolder, error: anyhow::Error) -> anyhow::Error {
+    match folder.keep() {
+        Some(kept) => {
+            let shown = kept.display();
+            error.context(format!("what was recorded until then is in {shown}"))
+        }
+        None => error,
+    }
+}
+
+/// What the recording that `folder` holds says: figures, page, pictures.
+fn look_back(
+    prepared: &Prepared,
+    folder: &SessionFolder,
+    ended: &mut Ended,
+    watch: &mut dyn FnMut(Advance),
+) -> Result<()> {
+    let recording = Recording::read(&folder.path().join("session.mcap"))?;
+    let findings = Findings::of(prepared, &recording).context("the debrief")?;
+    let score = findings.score(&recording);
+    ended.document.complete(&findings, score.clone());
+    let figures = Figures::of(&recording.scenario.scenario.name, &findings, &score);
+    let subject = Subject {
+        prepared,
+        recording: &recording,
+        findings: &findings,
+        score: &score,
+        figures: &figures,
+    };
+    let html = page(&subject, None, &[]).context("the debrief page")?;
+    folder.write("report.html", &html)?;
+    ended.score = Some(score);
+    pictures(prepared, folder.path(), &recording, watch)
 }
 
 /// Draws the session that `folder` holds.
-fn pictures(prepared: &Prepared, folder: &Path, watch: &mut dyn FnMut(Advance)) -> Result<()> {
-    let recording = Recording::read(&folder.join("session.mcap"))?;
+fn pictures(
+    prepared: &Prepared,
+    folder: &Path,
+    recording: &Recording,
+    watch: &mut dyn FnMut(Advance),
+) -> Result<()> {
     let mut progress = |done: usize, of: usize| watch(Advance::Drawing { done, of });
-    let mut stage = picture::Stage::new(prepared, &recording)?;
+    let mut stage = picture::Stage::new(prepared, recording)?;
     write_pictures(&mut stage, &folder.join("pictures"), &mut progress)
         .context("the pictures of the session")
 }
 
-fn json(metrics: &Metrics) -> Result<String> {
-    Ok(serde_json::to_string_pretty(&metrics.document())?)
+fn json(document: &MetricsDocument) -> Result<String> {
+    Ok(serde_json::to_string_pretty(document)?)
 }
 
 fn recorded_figures(recording: &Recording) -> Metrics {
@@ -409,6 +478,10 @@ fn recorded_figures(recording: &Recording) -> Metrics {
     }
     growth.for_each(|g| metrics.growth(g));
     recording.main.iter().for_each(|m| metrics.main(m));
+    recording
+        .timing
+        .iter()
+        .for_each(|t| metrics.timing(t, false));
     metrics
 }
 

@@ -32,13 +32,7 @@ pub fn render(args: &RenderArgs) -> Result<(), Failure> {
         .as_deref()
         .map(|path| Video::start(path, args.size));
     let film = film.transpose().map_err(Failure::Work)?;
-    let prepared = commands::prepare(scenario)?;
-    if prepared.digest != recording.scenario.patient_digest {
-        return Err(Failure::Input(anyhow!(
-            "{}: the bone built from its scenario is not the one recorded; its files have changed",
-            args.session.display()
-        )));
-    }
+    let prepared = commands::prepare_recorded(&recording, &args.session)?;
     let named = || args.session.display().to_string();
     let mut stage = Stage::new(&prepared, &recording)
         .with_context(named)
@@ -86,7 +80,7 @@ fn shoot(stage: &mut Stage, args: &RenderArgs, mut film: Video, seconds: f64) ->
 }
 
 /// Whether a file can be written there.
-fn check_place(path: &Path) -> Result<()> {
+pub fn check_place(path: &Path) -> Result<()> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
     if folder.is_some_and(|f| !f.is_dir()) || path.is_dir() {
         bail!(

@@ -1,4 +1,5 @@
 //! All that is said to the user: the only module that prints.
+use crate::debrief::Score;
 use crate::session::{LoopFigures, Outcome};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::Write;
@@ -110,6 +111,29 @@ pub fn summary(outcome: &Outcome) -> String {
         lines.push(format!(
             "Relaxation converged within 5 iterations in {:.1} % of the main steps.",
             100.0 * share
+        ));
+    }
+    lines.join("\n")
+}
+
+/// The score, with what was lost and when.
+pub fn score(score: &Score) -> String {
+    let mut lines = vec![format!(
+        "Score: {:.0} of {:.0} points.",
+        score.points, score.of
+    )];
+    for line in &score.lines {
+        let Some(points) = line.points.filter(|p| line.of - p >= 0.05) else {
+            continue;
+        };
+        let when = line
+            .lost_at_s
+            .map_or_else(String::new, |t| format!(", at {t:.2} s"));
+        lines.push(format!(
+            "  -{:.1}  {}: {}{when}.",
+            line.of - points,
+            line.what,
+            line.found.trim_end_matches('.')
         ));
     }
     lines.join("\n")

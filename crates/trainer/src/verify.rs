@@ -16,6 +16,10 @@ pub struct Comparison<'a> {
     different: Vec<String>,
 }
 
+/// What may be expected of a session against the clock.
+const TOLERANCE: &str = "Recorded in real time: its loops read each other's states at moments that lockstep does not repeat, so the \
+    deviation has no bound, least of all once the crack has grown otherwise. The recording itself is exact: replay, render and report work from it.";
+
 impl<'a> Comparison<'a> {
     /// Nothing compared yet.
     pub fn new(recording: &'a Recording) -> Self {
@@ -68,6 +72,8 @@ impl<'a> Comparison<'a> {
         }
         if self.is_exact() {
             lines.push("Identical to the last bit.".to_owned());
+        } else if self.recording.scenario.mode == "realtime" {
+            lines.push(TOLERANCE.to_owned());
         }
         lines.join("\n")
     }

@@ -110,6 +110,7 @@ fn patient_spec(s: &Scenario) -> PatientSpec {
         }),
         kerf: Some(s.osteotomy.kerf),
         shell_points: s.mesh.shell_points,
+        canal: s.patient.canal.clone(),
     }
 }
 

@@ -15,8 +15,12 @@ mod stage;
 mod tests;
 mod views;
 
+pub use anchored::{Anchor, Skin, moved_cells, piece_of, tet_at};
+pub use bone_skin::Places;
 pub use look::{BACKGROUND, LOAD_LETTERS};
 pub use print::{Finish, StereoMode, Video, eyes, write_png};
-pub use session_pictures::write_pictures;
-pub use stage::{Instant, Moment, Scenery, Stage, load_on_bone};
+pub use props::chisel;
+pub use restore::Restored;
+pub use session_pictures::{shots, write_pictures};
+pub use stage::{Instant, Moment, Scenery, Skins, Stage, away, load_on_bone};
 pub use views::View;

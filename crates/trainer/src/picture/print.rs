@@ -5,7 +5,7 @@ use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use osteotome_render::{Camera, Canvas, Image, Options, Stereo, compose, render};
 use serde::{Deserialize, Serialize};
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
@@ -169,6 +169,23 @@ fn orientation(canvas: &mut Canvas, centre: [f32; 2], letter: f32, camera: &Came
     }
 }
 
+/// The bytes of a PNG file.
+///
+/// # Errors
+/// None that a picture of this program's could cause.
+pub fn encode_png(image: &Image) -> Result<Vec<u8>> {
+    let mut file = Vec::new();
+    let mut encoder = png::Encoder::new(&mut file, image.width as u32, image.height as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    let mut writer = encoder.write_header()?;
+    let pixels = image.pixels.iter();
+    let bytes: Vec<u8> = pixels.flat_map(|p| [p[0], p[1], p[2]]).collect();
+    writer.write_image_data(&bytes)?;
+    writer.finish()?;
+    Ok(file)
+}
+
 /// Writes a PNG file; it appears whole or not at all.
 ///
 /// # Errors
@@ -177,22 +194,7 @@ pub fn write_png(path: &Path, image: &Image) -> Result<()> {
     let shown = || path.display().to_string();
     let partial = with_suffix(path);
     let work = || -> Result<()> {
-        let file = std::fs::File::create(&partial)?;
-        let mut encoder = png::Encoder::new(
-            BufWriter::new(file),
-            image.width as u32,
-            image.height as u32,
-        );
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
-        let mut writer = encoder.write_header()?;
-        let bytes: Vec<u8> = image
-            .pixels
-            .iter()
-            .flat_map(|p| [p[0], p[1], p[2]])
-            .collect();
-        writer.write_image_data(&bytes)?;
-        writer.finish()?;
+        std::fs::write(&partial, encode_png(image)?)?;
         std::fs::rename(&partial, path)?;
         Ok(())
     };

@@ -1,5 +1,5 @@
 //! `pictures/` of a session folder.
-use super::print::{Finish, write_png};
+use super::print::{Finish, encode_png, write_png};
 use super::stage::Stage;
 use super::views::View;
 use anyhow::{Context, Result};
@@ -47,6 +47,40 @@ pub fn write_pictures(
         }
     }
     Ok(())
+}
+
+/// A picture for a page.
+pub struct Shot {
+    /// What it shows.
+    pub title: &'static str,
+    /// When \[s\].
+    pub time: f64,
+    /// The file's bytes.
+    pub png: Vec<u8>,
+}
+
+/// The session's moments, opaque, in the size for a page.
+///
+/// # Errors
+/// A recording that does not fit the bone.
+pub fn shots(stage: &mut Stage) -> Result<Vec<Shot>> {
+    const SMALL: [usize; 2] = [800, 450];
+    let moments = scenes(stage);
+    let finish = Finish {
+        size: SMALL,
+        is_transparent: false,
+        stereo: None,
+    };
+    let mut shoot = |scene: &Scene| {
+        let moment = stage.at(scene.time, scene.apart)?;
+        let camera = stage.camera(scene.view, SMALL[0] as f64 / SMALL[1] as f64);
+        Ok(Shot {
+            title: scene.title,
+            time: scene.time,
+            png: encode_png(&finish.print(&moment, &camera, scene.title))?,
+        })
+    };
+    moments.iter().map(&mut shoot).collect()
 }
 
 fn scenes(stage: &Stage) -> Vec<Scene> {

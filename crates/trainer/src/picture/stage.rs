@@ -48,12 +48,16 @@ pub struct Instant<'a> {
 }
 
 /// All that moves with the bone, of one generation.
-struct Skins {
-    bone: BoneSkin,
+pub struct Skins {
+    /// The bone's surface.
+    pub bone: BoneSkin,
     kerf: Skin,
-    gap: GapSkin,
-    broken: Skin,
-    teeth: Skin,
+    /// The opened crack.
+    pub gap: GapSkin,
+    /// The explicit crack where the bone broke.
+    pub broken: Skin,
+    /// Crowns.
+    pub teeth: Skin,
 }
 
 /// What is to be seen at one moment.
@@ -210,16 +214,7 @@ impl<'a> Scenery<'a> {
             return Ok(());
         }
         self.restored.go_to(generation, growth)?;
-        let body = self.restored.body();
-        let patient = &self.prepared.patient;
-        let gap = gap_skin(body, &*self.prepared.bone.body.region.0);
-        let skins = Skins {
-            bone: bone_skin(body, &patient.surface, &self.places, &gap),
-            kerf: kerf_skin(body),
-            gap,
-            broken: broken_sheets(body),
-            teeth: teeth(body, self.prepared),
-        };
+        let skins = Skins::of(self.restored.body(), self.prepared, &self.places);
         self.skins = Some((generation, skins));
         Ok(())
     }
@@ -239,6 +234,15 @@ fn unknowns(body: &CrackedBody, bone: &BoneSample) -> Result<Vec<f64>> {
 
 /// Moves the cells of all fragments but the largest away from what they broke off.
 fn take_apart(body: &CrackedBody, gap: &GapSkin, apart: f64, moved: &mut [[Vec3; 4]]) {
+    let away = away(body, gap);
+    for (c, nodes) in moved.iter_mut().enumerate() {
+        let way = away[piece_of(body, c as u32) as usize] * apart;
+        nodes.iter_mut().for_each(|p| *p += way);
+    }
+}
+
+/// For each fragment a unit vector away from what it broke off; zero for the largest.
+pub fn away(body: &CrackedBody, gap: &GapSkin) -> Vec<Vec3> {
     let fragment = |c: usize| piece_of(body, c as u32) as usize;
     let mut away = vec![Vec3::zeros(); body.fragments.volume_share.len()];
     for ([a, b], normal) in &gap.pieces {
@@ -249,10 +253,8 @@ fn take_apart(body: &CrackedBody, gap: &GapSkin, apart: f64, moved: &mut [[Vec3;
         }
     }
     away[0] = Vec3::zeros();
-    for (c, nodes) in moved.iter_mut().enumerate() {
-        let way = away[fragment(c)].try_normalize(1e-9).unwrap_or_default() * apart;
-        nodes.iter_mut().for_each(|p| *p += way);
-    }
+    let unit = |v: &Vec3| v.try_normalize(1e-9).unwrap_or_default();
+    away.iter().map(unit).collect()
 }
 
 fn state_of(growth: Option<&GrowthSample>) -> GrowthState {
@@ -307,6 +309,18 @@ fn teeth(body: &CrackedBody, prepared: &Prepared) -> Skin {
 }
 
 impl Skins {
+    /// Of a body.
+    pub fn of(body: &CrackedBody, prepared: &Prepared, places: &Places) -> Self {
+        let gap = gap_skin(body, &*prepared.bone.body.region.0);
+        Self {
+            bone: bone_skin(body, &prepared.patient.surface, places, &gap),
+            kerf: kerf_skin(body),
+            gap,
+            broken: broken_sheets(body),
+            teeth: teeth(body, prepared),
+        }
+    }
+
     fn props(&self, moved: &[[Vec3; 4]]) -> Vec<Prop> {
         let bone = self.bone.skin.positions(moved);
         let normals = vertex_normals(&bone, &self.bone.skin.triangles);

@@ -4,9 +4,11 @@
 //! returns needs no second look.
 mod overrides;
 mod read;
+mod targets;
 
 pub use overrides::Override;
 pub use read::{Source, explain, load, parse_toml, plain};
+pub use targets::{Target, Targets};
 
 use osteotome_devices::Binding;
 use osteotome_mechanics::bone::EngineeringConstants;
@@ -52,7 +54,7 @@ pub struct Scenario {
     /// Rates of the loops.
     #[serde(default)]
     pub loops: Loops,
-    /// What a debrief scores; no key is defined yet.
+    /// What a debrief scores, with thresholds and weights.
     #[serde(default)]
     pub targets: Targets,
 }
@@ -73,7 +75,7 @@ pub enum Units {
     MmNMpa,
 }
 
-/// Exactly one of the three is given.
+/// Exactly one of `parametric`, `directory`, `surface` is given.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Patient {
@@ -86,6 +88,9 @@ pub struct Patient {
     /// A closed surface.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface: Option<PathBuf>,
+    /// The nerve's canal on the operated side (JSON), for the debrief; goes before the built-in mandible's own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub canal: Option<PathBuf>,
     /// What stands still around the jaw.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub context: Vec<Context>,
@@ -592,11 +597,6 @@ impl Loops {
         (self.haptic_hz / self.main_hz).round() as u32
     }
 }
-
-/// What a debrief scores.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Targets {}
 
 /// The shipped scenario, right side.
 pub const BSSO_RIGHT: &str = include_str!("../../../../scenarios/bsso_right.toml");

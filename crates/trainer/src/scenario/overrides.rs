@@ -43,10 +43,11 @@ const ALTERNATIVES: [(&str, &[&str]); 3] = [
 ];
 
 /// Keys that hold a path.
-const PATHS: [[&str; 2]; 5] = [
+const PATHS: [[&str; 2]; 6] = [
     ["patient", "directory"],
     ["patient", "surface"],
     ["patient", "context"],
+    ["patient", "canal"],
     ["mesh", "file"],
     ["osteotomy", "file"],
 ];

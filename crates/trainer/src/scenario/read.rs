@@ -161,6 +161,7 @@ fn validate(s: &Scenario, place: &impl Fn(&str) -> String) -> Result<()> {
     at.range("contact.friction", s.contact.friction, 0.0, 2.0)?;
     at.tools(s)?;
     at.surgeon(s)?;
+    at.targets(s)?;
     at.loops(s)
 }
 
@@ -261,6 +262,7 @@ impl<P: Fn(&str) -> String> Checks<'_, P> {
         for (i, c) in p.context.iter().enumerate() {
             self.existing(&format!("patient.context.{i}.surface"), Some(&c.surface))?;
         }
+        self.existing("patient.canal", p.canal.as_deref())?;
         self.existing("patient.surface", p.surface.as_deref())
     }
 
@@ -386,6 +388,26 @@ impl<P: Fn(&str) -> String> Checks<'_, P> {
             ("variation", g.variation, 0.5),
         ] {
             self.range(&format!("surgeon.{key}"), value, 0.0, most)?;
+        }
+        Ok(())
+    }
+
+    fn targets(&self, s: &Scenario) -> Result<()> {
+        const MOST: f64 = 1e6;
+        let t = &s.targets;
+        self.range("targets.complete", t.complete, 0.0, MOST)?;
+        self.range("targets.no_bad_split", t.no_bad_split, 0.0, MOST)?;
+        for (key, target) in t.scaled() {
+            let key = format!("targets.{key}");
+            self.range(&format!("{key}.weight"), target.weight, 0.0, MOST)?;
+            self.range(&format!("{key}.good"), target.good, -MOST, MOST)?;
+            self.range(&format!("{key}.bad"), target.bad, -MOST, MOST)?;
+            ensure!(
+                target.good != target.bad,
+                "{}: good and bad are both {}; they must differ",
+                (self.place)(&key),
+                target.good
+            );
         }
         Ok(())
     }

@@ -38,7 +38,9 @@ impl SessionFolder {
             .to_owned();
         name.push(".partial");
         let partial = wanted.with_file_name(name);
-        if partial.exists() {
+        if partial.join(mark.file).exists() {
+            set_aside(&partial, wanted)?;
+        } else if partial.exists() {
             std::fs::remove_dir_all(&partial).with_context(|| partial.display().to_string())?;
         }
         std::fs::create_dir_all(&partial)
@@ -73,6 +75,14 @@ impl SessionFolder {
         std::fs::write(&path, text).with_context(|| path.display().to_string())
     }
 
+    /// Keeps what there is as `DIR.interrupted`, if that is worth anything.
+    pub fn keep(mut self) -> Option<PathBuf> {
+        let is_worth_it = self.partial.join(self.mark.file).is_file();
+        let kept = is_worth_it.then(|| set_aside(&self.partial, &self.wanted).ok())?;
+        self.is_done = kept.is_some();
+        kept
+    }
+
     /// Makes the folder appear under its name; an earlier one there goes away.
     ///
     /// # Errors
@@ -97,6 +107,22 @@ impl Drop for SessionFolder {
             let _ = std::fs::remove_dir_all(&self.partial);
         }
     }
+}
+
+/// What a killed or failed session left is kept under the first free name of `DIR.interrupted`, `DIR.interrupted-2` and so on.
+fn set_aside(partial: &Path, wanted: &Path) -> Result<PathBuf> {
+    let name = |k: usize| {
+        let mut name = wanted.file_name().unwrap_or_default().to_owned();
+        name.push(".interrupted");
+        if k > 1 {
+            name.push(format!("-{k}"));
+        }
+        wanted.with_file_name(name)
+    };
+    let free = (1..1000).map(name).find(|p| !p.exists());
+    let free = free.context("there are 999 interrupted sessions of this name; remove some")?;
+    std::fs::rename(partial, &free).with_context(|| free.display().to_string())?;
+    Ok(free)
 }
 
 fn check_replaceable(wanted: &Path, mark: &Mark) -> Result<()> {
@@ -138,6 +164,24 @@ mod tests {
             std::fs::read_dir(base.path().join("deep")).unwrap().count(),
             1
         );
+    }
+
+    #[test]
+    fn what_a_killed_session_left_is_set_aside() {
+        let base = tempfile::tempdir().unwrap();
+        let wanted = base.path().join("out");
+        for n in 1..=2 {
+            let killed = base.path().join("out.partial");
+            std::fs::create_dir(&killed).unwrap();
+            std::fs::write(killed.join("session.mcap"), n.to_string()).unwrap();
+            drop(SessionFolder::create(&wanted, &SESSION).unwrap());
+        }
+        let kept = |name: &str| std::fs::read_to_string(base.path().join(name)).unwrap();
+        assert_eq!(kept("out.interrupted/session.mcap"), "1");
+        assert_eq!(kept("out.interrupted-2/session.mcap"), "2");
+        let folder = SessionFolder::create(&wanted, &SESSION).unwrap();
+        assert_eq!(folder.keep(), None, "nothing was recorded");
+        assert!(!base.path().join("out.partial").exists());
     }
 
     #[test]

@@ -71,7 +71,12 @@ pub struct RecordingWriter {
     channels: [u16; CHANNELS.len()],
     sequence: [u32; CHANNELS.len()],
     json: Vec<u8>,
+    /// Time of the last flush \[s\].
+    flushed: f64,
 }
+
+/// What a killed program loses at most \[s of the session\].
+const FLUSH_EVERY: f64 = 0.5;
 
 impl RecordingWriter {
     /// Starts a file with the scenario as its first message.
@@ -95,8 +100,10 @@ impl RecordingWriter {
             channels,
             sequence: [0; CHANNELS.len()],
             json: Vec::new(),
+            flushed: 0.0,
         };
         this.put(6, 0.0, first)?;
+        this.writer.flush()?;
         Ok(this)
     }
 
@@ -122,6 +129,10 @@ impl RecordingWriter {
     pub fn haptic(&mut self, sample: &HapticSample) -> Result<()> {
         for (i, hand) in sample.hands.iter().enumerate() {
             self.put(i, sample.time, &hand.to_wire())?;
+        }
+        if sample.time - self.flushed >= FLUSH_EVERY {
+            self.flushed = sample.time;
+            self.writer.flush()?;
         }
         Ok(())
     }
@@ -171,6 +182,12 @@ pub struct Recording {
     pub growth: Vec<GrowthSample>,
     /// The deformed bone, in the order of time; none in recordings made before there was such a channel.
     pub bone: Vec<BoneSample>,
+    /// How long steps took.
+    pub timing: Vec<StepTime>,
+    /// What was worth knowing, and when \[s\].
+    pub events: Vec<(f64, String)>,
+    /// Whether the recording breaks off: the program was killed, or the disk was full.
+    pub is_cut_short: bool,
 }
 
 impl Recording {
@@ -186,47 +203,57 @@ impl Recording {
             bail!("{name}: not an MCAP file; give the path of a session.mcap");
         }
         let damaged = || format!("{name}: the file is damaged; record the session again");
-        let stream = mcap::MessageStream::new(&bytes).with_context(damaged)?;
+        let whole = bytes.len() > 2 * mcap::MAGIC.len() && bytes.ends_with(mcap::MAGIC);
+        // Without its end a recording is read up to the last chunk that got to the disk.
+        let options = if whole {
+            Default::default()
+        } else {
+            mcap::read::Options::IgnoreEndMagic.into()
+        };
+        let stream =
+            mcap::MessageStream::new_with_options(&bytes, options).with_context(damaged)?;
         let mut scenario = None;
         let mut hands = [vec![], vec![]];
         let (mut main, mut growth, mut bone) = (vec![], vec![], vec![]);
+        let (mut timing, mut events) = (vec![], vec![]);
         for message in stream {
-            let message = message.with_context(damaged)?;
+            let message = match message {
+                Ok(message) => message,
+                Err(_) if !whole => break,
+                Err(error) => return Err(error).with_context(damaged),
+            };
             let topic = message.channel.topic.as_str();
             let bad =
                 || format!("{name}: a message on {topic} is not as in an osteotome recording");
-            let seconds = message.log_time as f64 * 1e-9;
+            let time = message.log_time as f64 * 1e-9;
+            let data = &message.data;
             match topic {
                 "/haptic/left" | "/haptic/right" => {
-                    let form = serde_json::from_slice(&message.data).with_context(bad)?;
+                    let form = serde_json::from_slice(data).with_context(bad)?;
                     hands[usize::from(topic == "/haptic/right")].push(HandSample::from_wire(&form));
                 }
-                "/main" => {
-                    let sample: MainSample =
-                        serde_json::from_slice(&message.data).with_context(bad)?;
-                    main.push(MainSample {
-                        time: seconds,
-                        ..sample
-                    });
-                }
-                "/crack" => {
-                    let sample: GrowthSample =
-                        serde_json::from_slice(&message.data).with_context(bad)?;
-                    growth.push(GrowthSample {
-                        time: seconds,
-                        ..sample
-                    });
-                }
-                "/bone" => {
-                    let sample: BoneSample =
-                        serde_json::from_slice(&message.data).with_context(bad)?;
-                    bone.push(BoneSample {
-                        time: seconds,
-                        ..sample
-                    });
+                "/main" => main.push(MainSample {
+                    time,
+                    ..serde_json::from_slice(data).with_context(bad)?
+                }),
+                "/crack" => growth.push(GrowthSample {
+                    time,
+                    ..serde_json::from_slice(data).with_context(bad)?
+                }),
+                "/bone" => bone.push(BoneSample {
+                    time,
+                    ..serde_json::from_slice(data).with_context(bad)?
+                }),
+                "/timing" => timing.push(StepTime {
+                    time,
+                    ..serde_json::from_slice(data).with_context(bad)?
+                }),
+                "/event" => {
+                    let event: Event = serde_json::from_slice(data).with_context(bad)?;
+                    events.push((time, event.event));
                 }
                 "/scenario" => {
-                    scenario = Some(serde_json::from_slice(&message.data).with_context(bad)?);
+                    scenario = Some(serde_json::from_slice(data).with_context(bad)?);
                 }
                 _ => {}
             }
@@ -234,11 +261,16 @@ impl Recording {
         let Some(scenario) = scenario else {
             bail!("{name}: there is no /scenario message; give a recording made by osteotome");
         };
+        let counts = hands.each_ref().map(Vec::len);
+        if !whole {
+            let both = counts[0].min(counts[1]);
+            hands.iter_mut().for_each(|h| h.truncate(both));
+        }
         if hands[0].is_empty() || hands[0].len() != hands[1].len() {
             bail!(
                 "{name}: {} left and {} right hand samples; both hands must be recorded alike",
-                hands[0].len(),
-                hands[1].len()
+                counts[0],
+                counts[1]
             );
         }
         Ok(Self {
@@ -247,11 +279,29 @@ impl Recording {
             main,
             growth,
             bone,
+            timing,
+            events,
+            is_cut_short: !whole,
         })
     }
 }
 
 impl Recording {
+    /// Nothing recorded yet.
+    #[cfg(test)]
+    pub fn empty(scenario: ScenarioMessage) -> Self {
+        Self {
+            scenario,
+            hands: [vec![], vec![]],
+            main: vec![],
+            growth: vec![],
+            bone: vec![],
+            timing: vec![],
+            events: vec![],
+            is_cut_short: false,
+        }
+    }
+
     /// Both hands, step by step of `dt` \[s\].
     pub fn haptic(&self, dt: f64) -> impl Iterator<Item = HapticSample> {
         let [left, right] = &self.hands;
@@ -282,20 +332,23 @@ mod tests {
     use super::*;
     use crate::scenario::{BSSO_RIGHT, Source, load};
 
-    #[test]
-    fn a_recording_reads_back_as_written() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("session.mcap");
+    fn first() -> ScenarioMessage {
         let source = Source::Text {
             name: "test".into(),
             text: BSSO_RIGHT.into(),
         };
-        let first = ScenarioMessage {
+        ScenarioMessage {
             scenario: load(&source, &[], Path::new("/")).unwrap(),
             patient_digest: "abc".into(),
             mode: "lockstep".into(),
-        };
-        let mut writer = RecordingWriter::create(&path, &first).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_recording_reads_back_as_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("session.mcap");
+        let mut writer = RecordingWriter::create(&path, &first()).unwrap();
         for step in 0..100u32 {
             let time = f64::from(step) * 1e-3;
             let hands = [hand(f64::from(step) / 7.0), hand(-0.3)];
@@ -323,6 +376,41 @@ mod tests {
             format!("{:?}", back.hands[0][99]),
             format!("{:?}", hand(99.0 / 7.0))
         );
+    }
+
+    /// A copy of the file is what a kill at that moment leaves.
+    #[test]
+    fn a_killed_recording_lacks_less_than_a_second_and_no_byte_cut_makes_it_unreadable() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, copy) = (
+            folder.path().join("session.mcap"),
+            folder.path().join("copy.mcap"),
+        );
+        let mut writer = RecordingWriter::create(&path, &first()).unwrap();
+        let n = 3777;
+        for step in 0..n {
+            let hands = [hand(step as f64 / 7.0), hand(-0.3)];
+            let time = step as f64 * 1e-3;
+            writer.haptic(&HapticSample { step, time, hands }).unwrap();
+        }
+        std::fs::copy(&path, &copy).unwrap();
+        let back = Recording::read(&copy).unwrap();
+        assert!(back.is_cut_short);
+        assert!(
+            back.hands[0].len() as u64 > n - 1000,
+            "{}",
+            back.hands[0].len()
+        );
+        let bytes = std::fs::read(&copy).unwrap();
+        let mut before = 0;
+        for share in [0.3, 0.5, 0.77, 0.999] {
+            std::fs::write(&copy, &bytes[..(share * bytes.len() as f64) as usize]).unwrap();
+            let there = Recording::read(&copy).unwrap().hands[0].len();
+            assert!(there >= before && there > 0, "{share}: {there}");
+            before = there;
+        }
+        writer.finish().unwrap();
+        assert!(!Recording::read(&path).unwrap().is_cut_short);
     }
 
     #[test]

@@ -1,5 +1,8 @@
 //! `metrics.json`: the figures of a session, gathered sample by sample.
 use super::sample::{GrowthSample, HapticSample, Loop, MainSample, StepTime};
+use crate::debrief::{
+    BadSplit, Findings, HandFindings, NerveFindings, PathFindings, Score, TeethFindings,
+};
 use crate::scenario::Scenario;
 use osteotome_mechanics::geometry::{Pose, Vec3};
 use serde::Serialize;
@@ -15,6 +18,76 @@ pub struct MetricsDocument {
     solver: Solver,
     loops: Loops,
     steps_us: StepsUs,
+    debrief: Option<Debrief>,
+}
+
+/// What the recording alone says; see `docs/debrief.md`.
+#[derive(Clone, Debug, Serialize)]
+struct Debrief {
+    phases_s: std::collections::BTreeMap<&'static str, f64>,
+    hands: [HandFindings; 2],
+    balance: Option<f64>,
+    teeth: Known<TeethFindings>,
+    nerve: Known<NerveFindings>,
+    path: Option<PathFindings>,
+    bad_split: Known<BadSplit>,
+    score: Score,
+}
+
+/// A finding, or why there is none.
+#[derive(Clone, Debug, Serialize)]
+#[serde(untagged)]
+enum Known<T> {
+    Found(T),
+    Unknown { unknown: String },
+}
+
+impl<T: Clone> Known<T> {
+    fn of(result: &Result<T, String>) -> Self {
+        match result {
+            Ok(found) => Self::Found(found.clone()),
+            Err(why) => Self::Unknown {
+                unknown: why.clone(),
+            },
+        }
+    }
+}
+
+impl MetricsDocument {
+    /// Fills in what the recording alone says.
+    pub fn complete(&mut self, findings: &Findings, score: Score) {
+        if let Some(path) = &findings.path {
+            self.split.path_deviation_mm = MeanMax {
+                mean: Some(path.mean_mm),
+                max: Some(path.max_mm.value),
+            };
+        }
+        if let Ok(bad) = &findings.bad_split {
+            self.split.bad_split.clone_from(&bad.kind);
+        }
+        self.split.bad_split_reason = match &findings.bad_split {
+            Ok(bad) => Some(bad.reason.clone()),
+            Err(why) => Some(format!("not known: {why}")),
+        };
+        if let Ok(nerve) = &findings.nerve {
+            let nearest = nerve.nearest().value;
+            self.nerve = Nerve {
+                min_distance_mm: Some(nearest),
+                max_stretch: Some(nerve.max_stretch.value),
+                violated: Some(nearest < 0.0),
+            };
+        }
+        self.debrief = Some(Debrief {
+            phases_s: findings.phases.lengths().into(),
+            hands: findings.hands.clone(),
+            balance: findings.balance,
+            teeth: Known::of(&findings.teeth),
+            nerve: Known::of(&findings.nerve),
+            path: findings.path,
+            bad_split: Known::of(&findings.bad_split),
+            score,
+        });
+    }
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -23,7 +96,9 @@ struct Split {
     time_s: Option<f64>,
     fragments: usize,
     crack_area_mm2: f64,
+    /// Published type; `null` for none, and where it is not known: see the reason.
     bad_split: Option<String>,
+    bad_split_reason: Option<String>,
     path_deviation_mm: MeanMax,
 }
 
@@ -289,6 +364,7 @@ impl Metrics {
                 fragments: self.fragments,
                 crack_area_mm2: self.area,
                 bad_split: None,
+                bad_split_reason: None,
                 path_deviation_mm: MeanMax::default(),
             },
             nerve: Nerve::default(),
@@ -312,6 +388,7 @@ impl Metrics {
                 crack_propagation: Distribution::of(&self.growth_us),
                 ..StepsUs::default()
             },
+            debrief: None,
         }
     }
 }

@@ -394,7 +394,7 @@ fn session(
         progress: &mut progress,
         draws: setup.draws,
     };
-    let metrics = keep_session(
+    let ended = keep_session(
         &scenario,
         &ready.prepared,
         input,
@@ -402,11 +402,11 @@ fn session(
         &folder,
         &mut watch,
     );
-    let metrics = metrics.map_err(|failure| match failure {
+    let ended = ended.map_err(|failure| match failure {
         Failure::Input(error) | Failure::Work(error) => error,
     })?;
     Ok(Kept {
-        metrics,
+        metrics: ended.metrics,
         folder,
         is_last_word: true,
     })
