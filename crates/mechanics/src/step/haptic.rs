@@ -233,9 +233,9 @@ pub fn haptic_step(
     }
     state.scratch.commit(&mut state.anchors);
     let bone = result.coupling.map(|w| -w);
-    for t in 0..2 {
-        let led = state.pull[t].led(&bone[t], input.dt);
-        state.last[t] = model.limits[t].output(&led, &state.last[t], input.dt);
+    let told = state.last.iter_mut().zip(&model.limits);
+    for ((pull, bone), (told, limits)) in state.pull.iter_mut().zip(&bone).zip(told) {
+        *told = limits.output(&pull.led(bone, input.dt), told, input.dt);
     }
     HapticOutput {
         device: state.last,
