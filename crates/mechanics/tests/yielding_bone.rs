@@ -10,7 +10,7 @@ use osteotome_mechanics::bone::{Supports, TetMaterial};
 use osteotome_mechanics::contact::boundary_points;
 use osteotome_mechanics::crack::growth::GrowthLengths;
 use osteotome_mechanics::crack::{CrackSurface, Solid};
-use osteotome_mechanics::geometry::{Aabb, Pose, SignedDistance, TetLocator, Vec3, block_mesh};
+use osteotome_mechanics::geometry::{Aabb, Pose, TetLocator, Vec3, block_mesh};
 use osteotome_mechanics::step::haptic::{
     DeviceLimits, HapticInput, HapticModel, HapticOutput, HapticState, haptic_step,
 };
@@ -19,20 +19,6 @@ use osteotome_mechanics::step::{Body, Bone, Region};
 use osteotome_mechanics::tool::{ScratchLimits, SolveSettings};
 use std::sync::Arc;
 use support::{aside, model};
-
-/// The block's own shape.
-struct Slab(Aabb);
-
-impl SignedDistance for Slab {
-    fn signed(&self, p: &Vec3) -> f64 {
-        let outside = (self.0.min - p).sup(&(p - self.0.max));
-        outside.sup(&Vec3::zeros()).norm() + outside.max().min(0.0)
-    }
-
-    fn bounds(&self) -> Aabb {
-        self.0
-    }
-}
 
 fn soft_block() -> Bone {
     let (min, max) = (Vec3::new(-20.0, -12.0, -20.0), Vec3::new(20.0, 12.0, 0.0));
@@ -54,7 +40,7 @@ fn soft_block() -> Bone {
     let body = Body {
         surface: boundary_points(&solid.mesh, 12),
         ends: [vec![0], vec![1]],
-        region: Region(Arc::new(Slab(Aabb { min, max }))),
+        region: Region(Arc::new(Aabb { min, max })),
         wall_density: 10.0,
         solid: Arc::new(solid),
     };

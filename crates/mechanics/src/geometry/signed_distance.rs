@@ -9,6 +9,18 @@ pub trait SignedDistance: Sync {
     fn bounds(&self) -> Aabb;
 }
 
+/// A box with its faces.
+impl SignedDistance for Aabb {
+    fn signed(&self, p: &Vec3) -> f64 {
+        let outside = (self.min - p).sup(&(p - self.max));
+        outside.sup(&Vec3::zeros()).norm() + outside.max().min(0.0)
+    }
+
+    fn bounds(&self) -> Aabb {
+        *self
+    }
+}
+
 /// Where on a triangle mesh the point nearest to a query lies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Closest {
@@ -353,6 +365,15 @@ mod tests {
                 bounds.min + u.component_mul(&bounds.extent())
             })
             .collect()
+    }
+
+    #[test]
+    fn a_box_is_as_far_as_its_faces() {
+        let (unit, faces) = (Aabb::around(&cube().vertices), MeshDistance::new(cube()));
+        assert_eq!(unit.bounds(), unit);
+        for p in scattered(500, &unit.grown(0.7)) {
+            assert!((unit.signed(&p) - faces.signed(&p)).abs() < 1e-12, "at {p}");
+        }
     }
 
     fn cube() -> TriMesh {

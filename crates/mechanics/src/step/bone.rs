@@ -265,20 +265,6 @@ mod tests {
     use crate::crack::{LinePoint, Sheet};
     use crate::geometry::{Aabb, TetLocator, block_mesh};
 
-    /// A block of 12 mm.
-    struct Block;
-
-    impl SignedDistance for Block {
-        fn signed(&self, p: &Vec3) -> f64 {
-            p.iter()
-                .fold(f64::NEG_INFINITY, |m, c| m.max((c - 6.0).abs() - 6.0))
-        }
-
-        fn bounds(&self) -> Aabb {
-            Aabb::around(&[Vec3::zeros(), Vec3::repeat(12.0)])
-        }
-    }
-
     fn sawn_block() -> Bone {
         let mesh = block_mesh(Vec3::zeros(), Vec3::repeat(12.0), [6, 6, 6]);
         let supports = Supports {
@@ -302,7 +288,10 @@ mod tests {
         let body = Body {
             surface: boundary_points(&solid.mesh, 6),
             ends: [vec![0], vec![6]],
-            region: Region(Arc::new(Block)),
+            region: Region(Arc::new(Aabb {
+                min: Vec3::zeros(),
+                max: Vec3::repeat(12.0),
+            })),
             wall_density: 10.0,
             solid: Arc::new(solid),
         };

@@ -130,7 +130,7 @@ impl ToolsResult {
 pub struct ScratchLimits {
     /// Cells near one tool.
     pub n_cells: usize,
-    /// Points inside one tool.
+    /// Points near one tool: inside it or within a quarter of a millimetre.
     pub n_contacts: usize,
 }
 

@@ -9,7 +9,7 @@ use osteotome_mechanics::bone::{Supports, TetMaterial};
 use osteotome_mechanics::contact::{ContactLaw, Wrench, boundary_points};
 use osteotome_mechanics::crack::growth::GrowthLengths;
 use osteotome_mechanics::crack::{CrackSurface, LinePoint, Sheet, Solid};
-use osteotome_mechanics::geometry::{Aabb, Pose, SignedDistance, TetLocator, Vec3, block_mesh};
+use osteotome_mechanics::geometry::{Aabb, Pose, TetLocator, Vec3, block_mesh};
 use osteotome_mechanics::step::haptic::{
     DeviceLimits, HapticInput, HapticModel, HapticState, haptic_step,
 };
@@ -172,20 +172,6 @@ impl Handle {
     }
 }
 
-/// A box of bone.
-struct Slab(Aabb);
-
-impl SignedDistance for Slab {
-    fn signed(&self, p: &Vec3) -> f64 {
-        let outside = (self.0.min - p).sup(&(p - self.0.max));
-        outside.sup(&Vec3::zeros()).norm() + outside.max().min(0.0)
-    }
-
-    fn bounds(&self) -> Aabb {
-        self.0
-    }
-}
-
 /// A block of cortical bone of 24 x 12 x 12 mm whose top is z = 0, held at -x, and if `sawn` with a kerf of .8 mm across its top
 /// at x = 0, 5 mm deep. What comes off hangs in soft tissue.
 pub fn block(sawn: bool) -> Bone {
@@ -222,7 +208,7 @@ pub fn block(sawn: bool) -> Bone {
     let body = Body {
         surface: boundary_points(&solid.mesh, 8),
         ends: [end(min.x), end(max.x)],
-        region: Region(Arc::new(Slab(Aabb { min, max }))),
+        region: Region(Arc::new(Aabb { min, max })),
         wall_density: 25.0,
         solid: Arc::new(solid),
     };
