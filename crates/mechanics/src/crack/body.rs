@@ -132,6 +132,9 @@ pub struct CrackedBody {
 /// Spring to the ground at the nodes of a piece that nothing holds, relative to E h.
 const LOOSE_SPRING: f64 = 1e-7;
 
+/// A border of more values than this share of the base's is heavy.
+const HEAVY: f64 = 0.5;
+
 /// A front with the stations at its vertices.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EvaluatedFront {
@@ -306,6 +309,36 @@ impl CrackedBody {
             growth.newly_cut.extend(cut);
         }
         growth
+    }
+
+    /// Whether solves with the border cost so much that [`refactored`](Self::refactored) is worth its while.
+    pub fn is_border_heavy(&self) -> bool {
+        let (base, border) = self.system.factor().n_values();
+        border as f64 > HEAVY * base as f64 && self.loose.is_empty()
+    }
+
+    /// The equations of this body assembled and factored afresh: the same unknowns, nothing in the border.
+    ///
+    /// # Errors
+    /// [`FactorError`] as [`System::new`].
+    pub fn refactored(&self) -> Result<System, FactorError> {
+        let s = &self.solid;
+        let supports = s.supports_with(&self.fragments, &self.loose);
+        System::new(&s.mesh, &s.materials, &self.topology, &supports)
+    }
+
+    /// Goes on from `base`, the [`refactored`](Self::refactored) equations of an earlier state of this body. The unknowns stay what
+    /// they are. Nothing happens if a piece hangs in springs that `base` does not know.
+    ///
+    /// # Errors
+    /// [`FactorError`] as [`System::grown`]; `self` stays as it was.
+    pub fn rebase(&mut self, base: &System) -> Result<(), FactorError> {
+        let s = &self.solid;
+        if self.loose.is_empty() {
+            let system = base.grown(&s.mesh, &s.materials, &self.topology, &s.supports)?;
+            self.system = Arc::new(system);
+        }
+        Ok(())
     }
 
     /// The body after a growth of its crack: old unknowns stay, the factor is only appended to.

@@ -17,6 +17,9 @@ pub fn twist(k: &StressIntensity, kink: f64) -> f64 {
     }
 }
 
+/// Share of a station's surroundings in the body from which it sets the pace.
+const WELL_INSIDE: f64 = 0.5;
+
 /// What drives all fronts: as found at each station, and smoothed along each front.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrontDrives {
@@ -53,6 +56,16 @@ impl FrontDrives {
         all.fold(0.0, |most, d| d.ratio.max(most))
     }
 
+    /// The drive that moves a front by the whole increment: the largest of all stations that lie well inside the body. A front's end
+    /// that has run out of it can be driven many times as hard, which says nothing about the rest.
+    fn pace(&self, fronts: &[EvaluatedFront]) -> f64 {
+        let all = fronts.iter().zip(&self.smooth);
+        let all = all.flat_map(|(f, drives)| f.stations.iter().zip(drives));
+        let inner = all.filter(|(s, _)| s.inside >= WELL_INSIDE);
+        let pace = inner.fold(0.0, |most, (_, d)| d.ratio.max(most));
+        if pace > 0.0 { pace } else { self.largest() }
+    }
+
     /// How each vertex moves \[mm\]: by the increment where the drive is largest, elsewhere in proportion to it; not at all where
     /// it is below `least`.
     pub fn moves(
@@ -61,13 +74,13 @@ impl FrontDrives {
         lengths: &GrowthLengths,
         least: f64,
     ) -> Vec<Vec<Vec3>> {
-        let largest = self.largest();
+        let pace = self.pace(fronts);
         let step = |s: &Station, d: &Drive| {
-            if largest <= 0.0 || d.ratio < least {
+            if pace <= 0.0 || d.ratio < least {
                 return Vec3::zeros();
             }
             let direction = s.advance * d.kink.cos() + s.normal * d.kink.sin();
-            direction * (lengths.increment * d.ratio / largest)
+            direction * (lengths.increment * (d.ratio / pace).min(1.0))
         };
         fronts
             .iter()

@@ -60,20 +60,7 @@ impl<'a> Balance<'a> {
     /// The affordable growth of a stretch of front: as a whole or, if the energy does not suffice, only where it is driven
     /// hardest.
     pub fn advance(&self, front: &Front, moves: &[Vec3]) -> Result<Option<Trial>, BodyError> {
-        /// Parts of a stretch that are tried, by their least advance relative to the largest.
-        const PARTS: [f64; 3] = [0.0, 0.5, 0.8];
-        let farthest = moves.iter().map(Vec3::norm).fold(0.0, f64::max);
-        let mut tried = usize::MAX;
-        for least in PARTS {
-            let is_part = |m: &Vec3| m.norm() > 0.0 && m.norm() >= least * farthest;
-            let n = moves.iter().filter(|m| is_part(m)).count();
-            if n == std::mem::replace(&mut tried, n) {
-                continue;
-            }
-            let part = moves
-                .iter()
-                .map(|m| if is_part(m) { *m } else { Vec3::zeros() });
-            let part: Vec<Vec3> = part.collect();
+        for part in parts(moves).into_iter().chain(self.windows(moves)) {
             let trial = self.weigh(self.body.advanced(&[(front, &part)]))?;
             if let Some(paid) = trial.filter(|t| t.ratio >= 1.0) {
                 return Ok(Some(paid));
@@ -81,4 +68,55 @@ impl<'a> Balance<'a> {
         }
         Ok(None)
     }
+
+    /// Short pieces of a stretch, each moved as far as if it were alone, hardest driven first. What a long stretch cannot pay for as a
+    /// whole, a piece of it may.
+    fn windows(&self, moves: &[Vec3]) -> Vec<Vec<Vec3>> {
+        let mut windows: Vec<(f64, usize)> = (0..moves.len().saturating_sub(WINDOW))
+            .step_by(WINDOW / 2)
+            .map(|first| {
+                let sum = moves[first..first + WINDOW].iter().map(Vec3::norm).sum();
+                (sum, first)
+            })
+            .filter(|w| w.0 > 0.0)
+            .collect();
+        windows.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        let alone = |(_, first): (f64, usize)| {
+            let places = first..first + WINDOW;
+            let farthest = longest(&moves[places.clone()]);
+            let scale = self.body.solid.lengths.increment / farthest;
+            let mut part = vec![Vec3::zeros(); moves.len()];
+            for k in places {
+                part[k] = moves[k] * scale;
+            }
+            part
+        };
+        windows.into_iter().take(MOST_WINDOWS).map(alone).collect()
+    }
+}
+
+/// Vertices of a front that are tried by themselves: some four element sizes.
+const WINDOW: usize = 9;
+/// So many windows of a stretch are tried.
+const MOST_WINDOWS: usize = 6;
+
+/// A stretch as a whole, and what of it moves at least so far relative to the farthest.
+fn parts(moves: &[Vec3]) -> Vec<Vec<Vec3>> {
+    const LEAST: [f64; 3] = [0.0, 0.5, 0.8];
+    let farthest = longest(moves);
+    let mut parts = Vec::new();
+    let mut tried = usize::MAX;
+    for least in LEAST {
+        let is_part = |m: &Vec3| m.norm() > 0.0 && m.norm() >= least * farthest;
+        let n = moves.iter().filter(|m| is_part(m)).count();
+        if n != std::mem::replace(&mut tried, n) {
+            let kept = |m: &Vec3| if is_part(m) { *m } else { Vec3::zeros() };
+            parts.push(moves.iter().map(kept).collect());
+        }
+    }
+    parts
+}
+
+fn longest(moves: &[Vec3]) -> f64 {
+    moves.iter().map(Vec3::norm).fold(0.0, f64::max)
 }

@@ -1,8 +1,9 @@
 use super::crack_faces::CrackFaces;
 use super::walls::{in_kerf, push_walls, side_cell, tets_with};
+use crate::bone::FactorError;
 use crate::contact::{PointShell, RenewedCells, ShellPoint, ShellPoints};
 use crate::crack::stress_intensity::CellForce;
-use crate::crack::{BodyError, CrackSurface, CrackedBody, STANDARD, Solid, bridging_edges};
+use crate::crack::{BodyError, CrackSurface, CrackedBody, STANDARD, Solid, System, bridging_edges};
 use crate::geometry::{SignedDistance, Vec3};
 use nalgebra::{Matrix3x4, Vector3};
 use std::ops::{Deref, Range};
@@ -115,6 +116,14 @@ impl Bone {
         let fresh = self.points.len() as u32..bone.points.len() as u32;
         bone.shell = Arc::new(bone.regrouped(self, fresh));
         bone
+    }
+
+    /// Goes on from refactored equations of an earlier generation; see [`CrackedBody::rebase`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn rebase(&mut self, base: &System) -> Result<(), FactorError> {
+        self.cracked.rebase(base)
     }
 
     fn push_walls(&mut self) {

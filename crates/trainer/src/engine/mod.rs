@@ -4,6 +4,7 @@ mod haptic;
 mod main;
 mod prepare;
 mod propagation;
+mod rebase;
 mod surroundings;
 
 pub use prepare::{Prepared, prepare};

@@ -1,3 +1,4 @@
+use super::rebase::Rebase;
 use crate::loops::{Propagated, PropagationPart, Published, Subscribed};
 use crate::session::{FrontPoint, GrowthSample};
 use osteotome_mechanics::crack::{CutEdges, bridging_edges};
@@ -29,6 +30,7 @@ pub struct Propagation {
     seen: u64,
     /// Strain energy \[N mm\] at which the bone as it is was last found to rest.
     rested: Option<f64>,
+    rebase: Rebase,
     /// Why the crack cannot go on, if a grown bone could not be computed.
     stuck: Option<String>,
 }
@@ -47,6 +49,7 @@ impl Propagation {
             grown,
             seen: 0,
             rested: None,
+            rebase: Rebase::default(),
             stuck: None,
         }
     }
@@ -112,8 +115,9 @@ impl PropagationPart for Propagation {
         }
         self.rested = Some(energy);
         match propagation_step(&self.bone, &loaded.state, &self.settings) {
-            Ok((Some(next), report)) => {
+            Ok((Some(mut next), report)) => {
                 self.rested = None;
+                self.rebase.follow(&mut next);
                 let before = std::mem::replace(&mut self.bone, Arc::new(next));
                 self.grown.write(Arc::clone(&self.bone));
                 Propagated::Grown(Box::new(self.sample(&report, Some(&before.cuts))))
