@@ -202,7 +202,7 @@ fn pair(body: &CrackedBody, t: u32) -> Option<FacePair> {
     })
 }
 
-/// Keeps the faces apart; remembers pressures (for the warm start) and compliances of one bone generation.
+/// Keeps the faces apart; remembers pressures (for the warm start) and, within a bone generation, compliances.
 #[derive(Debug, Default)]
 pub struct FaceContact {
     generation: Option<u32>,
@@ -210,6 +210,8 @@ pub struct FaceContact {
     force: Vec<f64>,
     /// Pairs whose compliance is known, in the order they were met.
     active: Vec<usize>,
+    /// The tetrahedron of each active pair.
+    tets: Vec<u32>,
     /// The active pairs' unit forces, half solved.
     half: Vec<HalfSolved>,
     /// b_i . K^-1 b_j of the active pairs.
@@ -220,58 +222,71 @@ pub struct FaceContact {
 const MOST_ACTIVE: usize = 256;
 /// Stiffness of the penalty \[N/mm3\]: a pressure of 10 MPa overlaps the faces by a micrometre.
 const STIFFNESS: f64 = 1e4;
-/// Pressing some faces may close others: how often those are looked for.
-const ROUNDS: usize = 3;
 
 impl FaceContact {
-    /// Solves for the displacements `x` under the loads that are half solved in `swept` and the faces' pressures, whose forces
-    /// it returns.
+    /// Solves for the displacements `x` under the loads that are half solved in `swept` and the faces' pressures. Returns these
+    /// forces, and whether no further faces overlap in `x`; those that do are pressed apart from the next call on.
     pub fn press(
         &mut self,
         bone: &Bone,
         swept: &Swept,
         x: &mut [f64],
         scratch: &mut SolveScratch,
-    ) -> Vec<CellForce> {
-        if self.generation != Some(bone.generation) {
-            *self = Self {
-                generation: Some(bone.generation),
-                ..Default::default()
-            };
+    ) -> (Vec<CellForce>, bool) {
+        self.follow(bone);
+        self.relax(bone, swept);
+        let mut pressed = swept.clone();
+        let mut forces = &self.force[..];
+        for half in &self.half {
+            let (own, rest) = forces.split_at(half.n_columns());
+            bone.system.add_half(half, own, &mut pressed);
+            forces = rest;
         }
-        let mut pressed = Swept::default();
-        for round in 1.. {
-            self.relax(bone, swept);
-            pressed.clone_from(swept);
-            let mut forces = &self.force[..];
-            for half in &self.half {
-                let (own, rest) = forces.split_at(half.n_columns());
-                bone.system.add_half(half, own, &mut pressed);
-                forces = rest;
-            }
-            bone.system.sweep_down(&mut pressed, x, scratch);
-            if round == ROUNDS || !self.activate(bone, x) {
-                break;
-            }
-        }
+        bone.system.sweep_down(&mut pressed, x, scratch);
         let pressing = self.active.iter().zip(&self.force).filter(|p| *p.1 > 0.0);
-        pressing
+        let pressures = pressing
             .flat_map(|(&i, &f)| bone.faces.pairs[i].forces(f))
-            .collect()
+            .collect();
+        let overlapping = self.overlapping(bone, x);
+        self.take_in(bone, &overlapping);
+        (pressures, overlapping.is_empty())
     }
 
-    /// Takes in the pairs that overlap in `x`; whether there were any.
-    fn activate(&mut self, bone: &Bone, x: &[f64]) -> bool {
+    /// On a new generation the pairs that press stay active where they still are, with the force they had.
+    fn follow(&mut self, bone: &Bone) {
+        if self.generation == Some(bone.generation) {
+            return;
+        }
+        let tet_of = |p: &FacePair| bone.topology.cells()[p.cells[0] as usize].tet;
+        let pairs = &bone.faces.pairs;
+        let old = std::mem::take(self);
+        self.generation = Some(bone.generation);
+        let pressing = old.tets.iter().zip(old.force).filter(|p| p.1 > 0.0);
+        let kept =
+            pressing.filter_map(|(t, f)| Some((pairs.binary_search_by_key(t, tet_of).ok()?, f)));
+        let (kept, force): (Vec<usize>, Vec<f64>) = kept.unzip();
+        self.take_in(bone, &kept);
+        self.force = force;
+    }
+
+    /// The pairs that overlap in `x` and are not active, the deepest first, as many as may become so.
+    fn overlapping(&self, bone: &Bone, x: &[f64]) -> Vec<usize> {
         let opening = bone.faces.openings(bone, x);
         let mut new: Vec<usize> = (0..opening.len())
             .filter(|i| opening[*i] < 0.0 && !self.active.contains(i))
             .collect();
         new.sort_by(|a, b| opening[*a].total_cmp(&opening[*b]).then(a.cmp(b)));
         new.truncate(MOST_ACTIVE - self.active.len().min(MOST_ACTIVE));
+        new
+    }
+
+    /// Makes pairs active, without force yet.
+    fn take_in(&mut self, bone: &Bone, new: &[usize]) {
         if new.is_empty() {
-            return false;
+            return;
         }
-        let unit = |i: &usize| bone.sparse_loads(&bone.faces.pairs[*i].forces(1.0));
+        let pairs = &bone.faces.pairs;
+        let unit = |i: &usize| bone.sparse_loads(&pairs[*i].forces(1.0));
         let columns: Vec<_> = new.iter().map(unit).collect();
         self.half.push(bone.system.half_solve(&columns));
         let newest = &self.half[self.half.len() - 1];
@@ -290,9 +305,10 @@ impl FaceContact {
             }
             column += half.n_columns();
         }
+        let tet_of = |i: &usize| bone.topology.cells()[pairs[*i].cells[0] as usize].tet;
+        self.tets.extend(new.iter().map(tet_of));
         self.active.extend(new);
         self.force.resize(self.active.len(), 0.0);
-        true
     }
 
     /// Projected Gauss-Seidel on the active pairs: opening + compliance of the penalty = 0 or force = 0.

@@ -164,13 +164,14 @@ pub fn main_step(
         // 4-6: query, both tools to rest against the bone as it stands.
         let result = rest_tools(bone, model, settings, state, input, &mut tools);
         // 1-2: the forces of those contacts, and the bone under them with the kept factor.
-        let (trial, loads) = solve_bone(bone, model, state, input, &tools, iterations == 1);
+        let (trial, loads, are_apart) =
+            solve_bone(bone, model, state, input, &tools, iterations == 1);
         // 7: convergence.
         let (residual, scale) = change(&state.bone.x, &trial);
         let tolerance = settings
             .absolute_tolerance
             .max(settings.relative_tolerance * scale);
-        let converged = residual <= tolerance;
+        let converged = residual <= tolerance && are_apart;
         let last = converged || iterations >= settings.max_iterations;
         if converged {
             state.bone.x.copy_from_slice(&trial);
@@ -235,7 +236,7 @@ enum Source {
     Face,
 }
 
-/// The bone under the tools' present forces, its faces kept apart.
+/// The bone under the tools' present forces, its faces kept apart; whether they are.
 fn solve_bone(
     bone: &Bone,
     model: &ToolModel,
@@ -243,7 +244,7 @@ fn solve_bone(
     input: &MainInput,
     tools: &ToolsState,
     is_first: bool,
-) -> (Vec<f64>, Vec<(CellForce, Source)>) {
+) -> (Vec<f64>, Vec<(CellForce, Source)>, bool) {
     let forces = state.tools.point_forces(
         model,
         &ContactScene {
@@ -274,9 +275,9 @@ fn solve_bone(
     }
     let mut x = std::mem::take(&mut state.trial);
     x.resize(bone.system.n(), 0.0);
-    let pressures = (state.faces).press(bone, swept, &mut x, &mut state.solve);
+    let (pressures, are_apart) = (state.faces).press(bone, swept, &mut x, &mut state.solve);
     loads.extend(pressures.into_iter().map(|p| (p, Source::Face)));
-    (x, loads)
+    (x, loads, are_apart)
 }
 
 /// The contacts of each tool (the first tool's come first) with its coupling's stiffness.

@@ -95,7 +95,7 @@ pub fn propagation_step(
     }
     let balance = Balance::new(&bone.cracked, &state.loads);
     let mut best: Option<Trial> = None;
-    for (front, moves) in stretches(&evaluated, &moves) {
+    for (front, moves) in stretches(&evaluated, &moves, lengths.increment) {
         let trial = balance.advance(front, &moves)?;
         let ratio = best.as_ref().map_or(0.0, |b| b.ratio);
         best = trial.filter(|t| t.ratio > ratio).or(best);
@@ -114,9 +114,13 @@ pub fn propagation_step(
     Ok((Some(next), report))
 }
 
-/// The moving stretches of all fronts, each by itself. The one that pays best advances; then tools and bone come to rest anew
-/// before the next one does, as that load may be gone.
-fn stretches<'a>(fronts: &'a [EvaluatedFront], moves: &[Vec<Vec3>]) -> Vec<(&'a Front, Vec<Vec3>)> {
+/// The moving stretches of all fronts, each by itself and as far as if it were alone: by the increment where it is driven hardest. The
+/// one that pays best advances; then tools and bone come to rest anew before the next one does, as that load may be gone.
+fn stretches<'a>(
+    fronts: &'a [EvaluatedFront],
+    moves: &[Vec<Vec3>],
+    increment: f64,
+) -> Vec<(&'a Front, Vec<Vec3>)> {
     let rests = |m: &Vec3| *m == Vec3::zeros();
     let mut found = Vec::new();
     for (e, moves) in fronts.iter().zip(moves) {
@@ -125,8 +129,11 @@ fn stretches<'a>(fronts: &'a [EvaluatedFront], moves: &[Vec<Vec3>]) -> Vec<(&'a 
             let places = start..start + stretch.len();
             start = places.end;
             if !rests(&stretch[0]) {
+                let farthest = stretch.iter().map(Vec3::norm).fold(0.0, f64::max);
                 let mut alone = vec![Vec3::zeros(); moves.len()];
-                alone[places].copy_from_slice(stretch);
+                for (to, from) in alone[places].iter_mut().zip(stretch) {
+                    *to = from * (increment / farthest);
+                }
                 found.push((&e.front, alone));
             }
         }
