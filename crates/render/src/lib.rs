@@ -7,6 +7,8 @@ mod ambient;
 mod annotate;
 pub mod csg;
 mod frame;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod project;
 mod raster;
 pub mod scene;
