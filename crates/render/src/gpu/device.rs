@@ -45,6 +45,9 @@ pub struct Device {
 impl Device {
     /// The fastest kind there is; with `is_hardware` no program on the processor.
     pub fn open(is_hardware: bool) -> Result<Self, Fault> {
+        if is_hardware && !may_have_hardware() {
+            return Err(Fault::NoDevice);
+        }
         let mut wanted = wgpu::InstanceDescriptor::new_without_display_handle();
         wanted.backends = wgpu::Backends::VULKAN;
         // Validation layers are the developer's: they must not slow down or print to whoever has them installed.
@@ -97,6 +100,18 @@ impl Device {
             .map_err(|e| Fault::Driver(e.to_string()))?;
         self.check()
     }
+}
+
+/// Whether a search for hardware is worth its time: on Linux graphics devices are files. Without one no driver is loaded.
+fn may_have_hardware() -> bool {
+    let files = [
+        "/dev/dri",
+        "/dev/nvidiactl",
+        "/dev/dxg",
+        "/dev/kgsl-3d0",
+        "/dev/mali0",
+    ];
+    !cfg!(target_os = "linux") || files.iter().any(|f| std::path::Path::new(f).exists())
 }
 
 const SOFTWARE: u8 = 4;

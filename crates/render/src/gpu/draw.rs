@@ -3,11 +3,14 @@ use super::Gpu;
 use super::buffers::Growing;
 use super::device::{Device, Fault};
 use super::lists::{Bands, LINE, NODE, Room};
-use super::passes::{UNWRITTEN, bind, run};
+use super::passes::{UNWRITTEN, bind, run, target};
 use crate::frame::{Frame, Image, Options};
 use crate::project::{NEAR, Raster};
 use crate::scene::Kind;
 use wgpu::{BufferUsages as Usage, CommandEncoder};
+
+/// A hit's number of a triangle, without its facing; as in frame.wgsl.
+const TRIANGLE: u32 = 0x0fff_ffff;
 
 /// What is to be drawn, and with how much room.
 pub struct Job<'a> {
@@ -22,9 +25,9 @@ pub struct Job<'a> {
 
 /// A band of the frame: its first row, and how many.
 #[derive(Clone, Copy)]
-struct Band {
-    start: u32,
-    rows: u32,
+pub struct Band {
+    pub start: u32,
+    pub rows: u32,
 }
 
 /// How much is read back: a word for each band, then the pixels, then the hits.
@@ -37,13 +40,13 @@ struct Readback {
 
 /// Buffers of a frame.
 pub struct Buffers {
-    uniforms: Growing,
+    pub uniforms: Growing,
     taps: Growing,
-    clip: Growing,
+    pub clip: Growing,
     heads: Growing,
     nodes: Growing,
     counters: Growing,
-    hits: Growing,
+    pub hits: Growing,
     colors: Growing,
     pixels: Growing,
     readback: Growing,
@@ -70,7 +73,7 @@ impl Buffers {
         Ok(buffers)
     }
 
-    fn reserve(&mut self, device: &Device, job: &Job, n_vertices: u32) -> Result<(), Fault> {
+    pub fn reserve(&mut self, device: &Device, job: &Job, n_vertices: u32) -> Result<(), Fault> {
         let [w, h] = job.bands.size.map(|n| n as usize);
         let bytes = [
             (&mut self.clip, 16 * n_vertices as usize),
@@ -84,7 +87,14 @@ impl Buffers {
                 4 * (LINE * (job.bands.tiles() + 1)) as usize,
             ),
             (&mut self.hits, 8 * w * h),
-            (&mut self.colors, 16 * w * h),
+            (
+                &mut self.colors,
+                if job.options.is_transparent {
+                    16 * w * h
+                } else {
+                    0
+                },
+            ),
             (&mut self.pixels, 4 * job.readback().n_pixels),
             (&mut self.readback, 4 * job.readback().words()),
         ];
@@ -96,28 +106,16 @@ impl Buffers {
             .as_ref()
             .is_none_or(|u| u.1 != job.bands.size)
         {
-            self.unwritten = Some((unwritten(device, job.bands.size), job.bands.size));
+            let view = target(
+                device,
+                UNWRITTEN,
+                job.bands.size,
+                wgpu::TextureUsages::empty(),
+            );
+            self.unwritten = Some((view, job.bands.size));
         }
         Ok(())
     }
-}
-
-fn unwritten(device: &Device, [width, height]: [u32; 2]) -> wgpu::TextureView {
-    let texture = device.device.create_texture(&wgpu::TextureDescriptor {
-        label: None,
-        size: wgpu::Extent3d {
-            width,
-            height,
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: UNWRITTEN,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-        view_formats: &[],
-    });
-    texture.create_view(&Default::default())
 }
 
 impl Readback {
@@ -136,7 +134,7 @@ impl Job<'_> {
         }
     }
 
-    fn bands(&self) -> impl Iterator<Item = Band> {
+    pub fn bands(&self) -> impl Iterator<Item = Band> {
         self.bands.starts().map(|start| Band {
             start,
             rows: self.bands.rows.min(self.bands.size[1] - start),
@@ -144,7 +142,7 @@ impl Job<'_> {
     }
 
     /// `Frame` of frame.wgsl.
-    fn uniforms(&self, n_vertices: u32, band: Band) -> [u32; 32] {
+    pub fn uniforms(&self, n_vertices: u32, band: Band) -> [u32; 32] {
         let c = &self.raster.camera;
         let row = |v: [f32; 3], w: u32| [v[0].to_bits(), v[1].to_bits(), v[2].to_bits(), w];
         let [right, up, forward] = c.axes;
@@ -193,7 +191,8 @@ impl Gpu {
         self.read(job)
     }
 
-    fn project(&self, encoder: &mut CommandEncoder) {
+    /// Vertices into clip space.
+    pub fn project(&self, encoder: &mut CommandEncoder) {
         let (b, g) = (&self.buffers, &self.geometry);
         let buffers = [
             (0, b.uniforms.get()),
@@ -212,7 +211,7 @@ impl Gpu {
     }
 
     /// Fills the lists of a band.
-    fn append(&self, encoder: &mut CommandEncoder, job: &Job, band: Band) {
+    pub fn append(&self, encoder: &mut CommandEncoder, job: &Job, band: Band) {
         let (b, g, append) = (&self.buffers, &self.geometry, &self.passes.append);
         let [w, h] = job.bands.size;
         encoder.clear_buffer(b.heads.get(), 0, Some(4 * u64::from(w * band.rows)));
@@ -257,7 +256,7 @@ impl Gpu {
     }
 
     /// What surface.wgsl binds.
-    fn surface(&self) -> [(u32, &wgpu::Buffer); 7] {
+    fn surface(&self) -> [(u32, &wgpu::Buffer); 6] {
         let (b, g) = (&self.buffers, &self.geometry);
         [
             (0, b.uniforms.get()),
@@ -266,28 +265,26 @@ impl Gpu {
             (3, g.positions.get()),
             (4, g.attributes.get()),
             (5, b.hits.get()),
-            (6, b.colors.get()),
         ]
     }
 
     /// Walks the lists of a band, and notes how many fragments asked for shared places.
-    fn resolve(&self, encoder: &mut CommandEncoder, job: &Job, band: Band, k: usize) {
+    pub fn resolve(&self, encoder: &mut CommandEncoder, job: &Job, band: Band, k: usize) {
         let b = &self.buffers;
         let lists = [(7, b.heads.get()), (8, b.nodes.get())];
-        let buffers = [&self.surface()[..], &lists].concat();
         let groups = [job.bands.size[0].div_ceil(8), band.rows.div_ceil(8)];
-        run(
-            &self.device,
-            encoder,
-            &self.passes.resolve,
-            &buffers,
-            groups,
-        );
+        if job.options.is_transparent {
+            let buffers = [&self.surface()[..], &[(6, b.colors.get())], &lists].concat();
+            run(&self.device, encoder, &self.passes.blend, &buffers, groups);
+        } else {
+            let buffers = [&[(0, b.uniforms.get()), (5, b.hits.get())][..], &lists].concat();
+            run(&self.device, encoder, &self.passes.first, &buffers, groups);
+        }
         encoder.copy_buffer_to_buffer(b.counters.get(), 0, b.readback.get(), 4 * k as u64, 4);
     }
 
     /// Samples to pixels, and those to where they can be read.
-    fn light(&self, encoder: &mut CommandEncoder, job: &Job) {
+    pub fn light(&self, encoder: &mut CommandEncoder, job: &Job) {
         let b = &self.buffers;
         let groups = [job.options.width, job.options.height].map(|n| (n as u32).div_ceil(8));
         let (pixels, taps) = ((7, b.pixels.get()), (8, b.taps.get()));
@@ -296,13 +293,13 @@ impl Gpu {
             run(
                 &self.device,
                 encoder,
-                &self.passes.transparent,
+                &self.passes.average,
                 &buffers,
                 groups,
             );
         } else {
             let buffers = [&self.surface()[..], &[pixels, taps]].concat();
-            run(&self.device, encoder, &self.passes.opaque, &buffers, groups);
+            run(&self.device, encoder, &self.passes.light, &buffers, groups);
         }
         let r = job.readback();
         let (mut at, bytes) = (4 * r.n_bands as u64, 4 * r.n_pixels as u64);
@@ -314,7 +311,8 @@ impl Gpu {
         }
     }
 
-    fn read(&self, job: &Job) -> Result<(u32, Frame), Fault> {
+    /// Waits for the frame and takes it.
+    pub fn read(&self, job: &Job) -> Result<(u32, Frame), Fault> {
         let r = job.readback();
         let slice = self.buffers.readback.get().slice(..4 * r.words() as u64);
         slice.map_async(wgpu::MapMode::Read, |_| {});
@@ -326,9 +324,9 @@ impl Gpu {
         let (spilled, rest) = words.split_at(r.n_bands);
         let (pixels, hits) = rest.split_at(r.n_pixels);
         let hits: &[[u32; 2]] = bytemuck::cast_slice(hits);
-        let id = |h: &[u32; 2]| match h[0] {
+        let id = |h: &[u32; 2]| match h[1] {
             0 => 0,
-            t => self.geometry.mesh_of(t - 1) + 1,
+            _ => self.geometry.mesh_of(h[0] & TRIANGLE) + 1,
         };
         let spilled = spilled.iter().copied().max().unwrap_or(0);
         let frame = Frame {

@@ -8,8 +8,10 @@ mod draw;
 mod geometry;
 mod lists;
 mod passes;
+mod yardstick;
 
 pub use device::Fault;
+pub use yardstick::{Work, Yardstick};
 
 use crate::ambient::turned_taps;
 use crate::frame::{Frame, Image, Options};
@@ -100,7 +102,6 @@ impl Gpu {
         Ok(self.make(scene, camera, options, false)?.image)
     }
 
-    /// Draws until all fragments have found room.
     fn make(
         &mut self,
         scene: &Scene,
@@ -108,26 +109,9 @@ impl Gpu {
         options: &Options,
         is_hit_wanted: bool,
     ) -> Result<Frame, Fault> {
-        let samples = options.samples.clamp(1, 4);
-        let raster = Raster {
-            camera: *camera,
-            width: options.width * samples,
-            height: options.height * samples,
-        };
-        if raster.width.max(raster.height) > self.device.most_across {
-            return Err(Fault::TooLarge);
-        }
+        let raster = self.raster(camera, options)?;
         self.geometry.upload(&self.device, scene)?;
-        let size = [raster.width as u32, raster.height as u32];
-        let same = self.bands.filter(|b| b.size == size);
-        let mut job = Job {
-            raster: &raster,
-            options,
-            background: scene.background,
-            bands: same.unwrap_or_else(|| Bands::whole(size)),
-            room: self.room,
-            is_hit_wanted,
-        };
+        let mut job = self.job(scene, &raster, options, is_hit_wanted);
         loop {
             let (spilled, frame) = self.draw(&job)?;
             match job.room.grown(job.bands, spilled)? {
@@ -137,6 +121,41 @@ impl Gpu {
                     return Ok(frame);
                 }
             }
+        }
+    }
+
+    fn raster(&self, camera: &Camera, options: &Options) -> Result<Raster, Fault> {
+        let samples = options.samples.clamp(1, 4);
+        let raster = Raster {
+            camera: *camera,
+            width: options.width * samples,
+            height: options.height * samples,
+        };
+        let is_large = raster.width.max(raster.height) > self.device.most_across;
+        if is_large {
+            Err(Fault::TooLarge)
+        } else {
+            Ok(raster)
+        }
+    }
+
+    /// A frame with the room that the last one needed.
+    fn job<'a>(
+        &self,
+        scene: &Scene,
+        raster: &'a Raster,
+        options: &'a Options,
+        is_hit_wanted: bool,
+    ) -> Job<'a> {
+        let size = [raster.width as u32, raster.height as u32];
+        let same = self.bands.filter(|b| b.size == size);
+        Job {
+            raster,
+            options,
+            background: scene.background,
+            bands: same.unwrap_or_else(|| Bands::whole(size)),
+            room: self.room,
+            is_hit_wanted,
         }
     }
 }

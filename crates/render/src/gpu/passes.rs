@@ -2,20 +2,27 @@
 use super::device::Device;
 use wgpu::{BindGroup, Buffer, ComputePipeline, RenderPipeline, ShaderModule};
 
-const FRAME: &str = include_str!("shaders/frame.wgsl");
+pub const FRAME: &str = include_str!("shaders/frame.wgsl");
 const PROJECT: &str = include_str!("shaders/project.wgsl");
 const APPEND: &str = include_str!("shaders/append.wgsl");
 const SURFACE: &str = include_str!("shaders/surface.wgsl");
-const RESOLVE: &str = include_str!("shaders/resolve.wgsl");
+const WALK: &str = include_str!("shaders/walk.wgsl");
+const FIRST: &str = include_str!("shaders/first.wgsl");
+const BLEND: &str = include_str!("shaders/blend.wgsl");
+const PIXEL: &str = include_str!("shaders/pixel.wgsl");
 const LIGHT: &str = include_str!("shaders/light.wgsl");
+const AVERAGE: &str = include_str!("shaders/average.wgsl");
 
 /// Everything that is compiled once.
 pub struct Passes {
     pub project: ComputePipeline,
     pub append: RenderPipeline,
-    pub resolve: ComputePipeline,
-    pub opaque: ComputePipeline,
-    pub transparent: ComputePipeline,
+    /// Opaque frames: what is seen first, and its light.
+    pub first: ComputePipeline,
+    pub light: ComputePipeline,
+    /// Transparent frames: all layers, and the samples' mean.
+    pub blend: ComputePipeline,
+    pub average: ComputePipeline,
 }
 
 /// A pass without any attachment is refused: this one is never written.
@@ -23,17 +30,14 @@ pub const UNWRITTEN: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 
 impl Passes {
     pub fn new(device: &Device) -> Self {
-        let light = module(device, &[FRAME, SURFACE, LIGHT]);
+        let compute = |entry, parts: &[&str]| compute(device, &module(device, parts), entry);
         Self {
-            project: compute(device, &module(device, &[FRAME, PROJECT]), "project"),
+            project: compute("project", &[FRAME, PROJECT]),
             append: append(device, &module(device, &[FRAME, APPEND])),
-            resolve: compute(
-                device,
-                &module(device, &[FRAME, SURFACE, RESOLVE]),
-                "resolve",
-            ),
-            opaque: compute(device, &light, "opaque"),
-            transparent: compute(device, &light, "transparent"),
+            first: compute("first", &[FRAME, WALK, FIRST]),
+            light: compute("light", &[FRAME, SURFACE, PIXEL, LIGHT]),
+            blend: compute("blend", &[FRAME, SURFACE, WALK, BLEND]),
+            average: compute("average", &[FRAME, PIXEL, AVERAGE]),
         }
     }
 }
@@ -66,10 +70,20 @@ fn append(device: &Device, module: &ShaderModule) -> RenderPipeline {
         blend: None,
         write_mask: wgpu::ColorWrites::empty(),
     };
+    raster(device, module, target, None)
+}
+
+/// Draws triangles, both faces.
+pub fn raster(
+    device: &Device,
+    module: &ShaderModule,
+    target: wgpu::ColorTargetState,
+    depth_stencil: Option<wgpu::DepthStencilState>,
+) -> RenderPipeline {
     device
         .device
         .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("append"),
+            label: None,
             layout: None,
             vertex: wgpu::VertexState {
                 module,
@@ -78,7 +92,7 @@ fn append(device: &Device, module: &ShaderModule) -> RenderPipeline {
                 buffers: &[],
             },
             primitive: Default::default(),
-            depth_stencil: None,
+            depth_stencil,
             multisample: Default::default(),
             fragment: Some(wgpu::FragmentState {
                 module,
@@ -89,6 +103,30 @@ fn append(device: &Device, module: &ShaderModule) -> RenderPipeline {
             multiview_mask: None,
             cache: None,
         })
+}
+
+/// Something to draw on.
+pub fn target(
+    device: &Device,
+    format: wgpu::TextureFormat,
+    [width, height]: [u32; 2],
+    usage: wgpu::TextureUsages,
+) -> wgpu::TextureView {
+    let texture = device.device.create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size: wgpu::Extent3d {
+            width,
+            height,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: usage | wgpu::TextureUsages::RENDER_ATTACHMENT,
+        view_formats: &[],
+    });
+    texture.create_view(&Default::default())
 }
 
 /// Buffers with the numbers of their bindings.

@@ -238,6 +238,17 @@ impl Case {
         }
     }
 
+    /// Gives the meshes other looks.
+    #[allow(dead_code)] // not every test that shares this looks at it
+    pub fn scene_with(&self, texture: Texture, gloss: f32) -> Scene<'_> {
+        let mut scene = self.scene();
+        for mesh in &mut scene.meshes {
+            mesh.material.texture = texture;
+            mesh.material.gloss = gloss;
+        }
+        scene
+    }
+
     /// What each pixel must show: 0 for nothing, 1 for the bone's surface, 2 for a cut's.
     fn expected(&self) -> Vec<u32> {
         let [w, h] = SIZE;
@@ -395,6 +406,16 @@ pub fn bent_crack() -> Case {
         oracle,
         camera: look_at([12.0, -38.0, 58.0], [0.0, 0.0, 5.0]),
     }
+}
+
+/// So many spheres in each other, each bone of its own, with a slit: rays meet more than a short list holds.
+#[allow(dead_code)] // not every test that shares this looks at it
+pub fn many_shells() -> Case {
+    let mut case = sphere_minus_prism();
+    let shells = (0..24).map(|k| (Kind::Bone, sphere(20.0 - 0.7 * f64::from(k), 3)));
+    case.name = "many shells";
+    case.meshes.splice(0..1, shells);
+    case
 }
 
 /// The slit sphere from within: in the bone, and in the slit.

@@ -4,10 +4,8 @@
 @group(0) @binding(3) var<storage, read> positions: array<f32>;
 // Unit normal and position before deformation of each vertex.
 @group(0) @binding(4) var<storage, read> attributes: array<f32>;
-// For each sample: number of the triangle seen first plus one, its depth's bits.
+// For each sample: facing and number of the triangle seen first, and its depth's bits; no depth where nothing is.
 @group(0) @binding(5) var<storage, read_write> hits: array<vec2<u32>>;
-// For each sample: normal of what is seen first, or blended colour and what shines through.
-@group(0) @binding(6) var<storage, read_write> colors: array<vec4<f32>>;
 
 struct Surface {
     normal: vec3<f32>,
