@@ -11,6 +11,20 @@ const FARTHEST: f32 = 120.0;
 /// Neighbouring samples look in different directions and are averaged into one pixel.
 const TURNS: usize = 16;
 
+fn tap(turn: usize, k: usize) -> [f32; 2] {
+    let angle = k as f32 * 2.399_963 + turn as f32 * 0.39;
+    let r = ((k as f32 + 0.5) / TAPS as f32).sqrt();
+    [r * angle.cos(), r * angle.sin()]
+}
+
+/// All taps of all turns, for ambient occlusion elsewhere.
+#[cfg(feature = "gpu")]
+pub fn turned_taps() -> Vec<[f32; 2]> {
+    (0..TURNS)
+        .flat_map(|turn| (0..TAPS).map(move |k| tap(turn, k)))
+        .collect()
+}
+
 /// Depths, zero where nothing is, with unit normals.
 pub struct Seen<'a> {
     raster: &'a Raster,
@@ -23,11 +37,6 @@ pub struct Seen<'a> {
 impl<'a> Seen<'a> {
     /// Of a frame's first surfaces.
     pub fn new(raster: &'a Raster, depths: &'a [f32], normals: &'a [V3]) -> Self {
-        let tap = |turn: usize, k: usize| {
-            let angle = k as f32 * 2.399_963 + turn as f32 * 0.39;
-            let r = ((k as f32 + 0.5) / TAPS as f32).sqrt();
-            [r * angle.cos(), r * angle.sin()]
-        };
         let turn = |turn: usize| std::array::from_fn(|k| tap(turn, k));
         Self {
             raster,

@@ -7,8 +7,11 @@ mod ambient;
 mod annotate;
 pub mod csg;
 mod frame;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod project;
 mod raster;
+mod renderer;
 pub mod scene;
 mod shade;
 mod stereo;
@@ -16,5 +19,6 @@ mod vector;
 
 pub use annotate::Canvas;
 pub use frame::{Frame, Image, Options, render};
+pub use renderer::{Choice, Renderer};
 pub use scene::{Camera, Kind, Material, Mesh, Scene, Texture};
 pub use stereo::{Stereo, compose};

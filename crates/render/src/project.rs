@@ -3,7 +3,7 @@ use crate::scene::{Camera, Kind, Scene};
 use crate::vector::{V3, add, scale, sub};
 
 /// Nothing nearer to the eye is seen \[mm\].
-const NEAR: f32 = 0.5;
+pub const NEAR: f32 = 0.5;
 /// Subpixel steps: 8 bits, as on graphics hardware.
 pub const SUBPIXEL: i64 = 256;
 /// Side of a tile in samples; a sample's place in its tile fits 16 bits.

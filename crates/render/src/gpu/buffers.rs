@@ -1,0 +1,72 @@
+//! Buffers that grow with what they have to hold.
+use super::device::{Device, Fault};
+use wgpu::BufferUsages as Usage;
+
+/// A buffer that is made anew, half as large again as asked for, when it is too small.
+pub struct Growing {
+    buffer: Option<wgpu::Buffer>,
+    usage: Usage,
+    name: &'static str,
+}
+
+impl Growing {
+    pub const fn new(name: &'static str, usage: Usage) -> Self {
+        Self {
+            buffer: None,
+            usage,
+            name,
+        }
+    }
+
+    /// A storage buffer that can be written and cleared.
+    pub fn storage(name: &'static str) -> Self {
+        Self::new(name, Usage::STORAGE | Usage::COPY_DST)
+    }
+
+    /// The same that can be read back.
+    pub fn result(name: &'static str) -> Self {
+        Self::new(name, Usage::STORAGE | Usage::COPY_DST | Usage::COPY_SRC)
+    }
+
+    /// Makes room for so many bytes, rounded up to whole words; what was there may be lost.
+    pub fn reserve(&mut self, device: &Device, bytes: usize) -> Result<(), Fault> {
+        let bytes = (bytes as u64).next_multiple_of(4).max(64);
+        if bytes > device.most_bytes {
+            return Err(Fault::TooLarge);
+        }
+        if self.buffer.as_ref().is_none_or(|b| b.size() < bytes) {
+            let size = (bytes + bytes / 2)
+                .next_multiple_of(4)
+                .min(device.most_bytes & !3);
+            self.buffer = None;
+            self.buffer = Some(device.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(self.name),
+                size,
+                usage: self.usage,
+                mapped_at_creation: false,
+            }));
+        }
+        Ok(())
+    }
+
+    /// Makes room and writes.
+    pub fn write<T: bytemuck::NoUninit>(
+        &mut self,
+        device: &Device,
+        data: &[T],
+    ) -> Result<(), Fault> {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        self.reserve(device, bytes.len())?;
+        if !bytes.is_empty() {
+            device.queue.write_buffer(self.get(), 0, bytes);
+        }
+        Ok(())
+    }
+
+    /// The buffer; room has been made before.
+    pub fn get(&self) -> &wgpu::Buffer {
+        self.buffer
+            .as_ref()
+            .expect("room is made for a buffer before it is used")
+    }
+}

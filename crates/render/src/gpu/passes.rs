@@ -1,0 +1,165 @@
+//! The pipelines, one a shader.
+use super::device::Device;
+use wgpu::{BindGroup, Buffer, ComputePipeline, RenderPipeline, ShaderModule};
+
+pub const FRAME: &str = include_str!("shaders/frame.wgsl");
+const PROJECT: &str = include_str!("shaders/project.wgsl");
+const APPEND: &str = include_str!("shaders/append.wgsl");
+const SURFACE: &str = include_str!("shaders/surface.wgsl");
+const WALK: &str = include_str!("shaders/walk.wgsl");
+const FIRST: &str = include_str!("shaders/first.wgsl");
+const BLEND: &str = include_str!("shaders/blend.wgsl");
+const PIXEL: &str = include_str!("shaders/pixel.wgsl");
+const LIGHT: &str = include_str!("shaders/light.wgsl");
+const AVERAGE: &str = include_str!("shaders/average.wgsl");
+
+/// Everything that is compiled once.
+pub struct Passes {
+    pub project: ComputePipeline,
+    pub append: RenderPipeline,
+    /// Opaque frames: what is seen first, and its light.
+    pub first: ComputePipeline,
+    pub light: ComputePipeline,
+    /// Transparent frames: all layers, and the samples' mean.
+    pub blend: ComputePipeline,
+    pub average: ComputePipeline,
+}
+
+/// A pass without any attachment is refused: this one is never written.
+pub const UNWRITTEN: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
+
+impl Passes {
+    pub fn new(device: &Device) -> Self {
+        let compute = |entry, parts: &[&str]| compute(device, &module(device, parts), entry);
+        Self {
+            project: compute("project", &[FRAME, PROJECT]),
+            append: append(device, &module(device, &[FRAME, APPEND])),
+            first: compute("first", &[FRAME, WALK, FIRST]),
+            light: compute("light", &[FRAME, SURFACE, PIXEL, LIGHT]),
+            blend: compute("blend", &[FRAME, SURFACE, WALK, BLEND]),
+            average: compute("average", &[FRAME, PIXEL, AVERAGE]),
+        }
+    }
+}
+
+pub fn module(device: &Device, parts: &[&str]) -> ShaderModule {
+    device
+        .device
+        .create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: None,
+            source: wgpu::ShaderSource::Wgsl(parts.concat().into()),
+        })
+}
+
+pub fn compute(device: &Device, module: &ShaderModule, entry: &str) -> ComputePipeline {
+    device
+        .device
+        .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(entry),
+            layout: None,
+            module,
+            entry_point: Some(entry),
+            compilation_options: Default::default(),
+            cache: None,
+        })
+}
+
+fn append(device: &Device, module: &ShaderModule) -> RenderPipeline {
+    let target = wgpu::ColorTargetState {
+        format: UNWRITTEN,
+        blend: None,
+        write_mask: wgpu::ColorWrites::empty(),
+    };
+    raster(device, module, target, None)
+}
+
+/// Draws triangles, both faces.
+pub fn raster(
+    device: &Device,
+    module: &ShaderModule,
+    target: wgpu::ColorTargetState,
+    depth_stencil: Option<wgpu::DepthStencilState>,
+) -> RenderPipeline {
+    device
+        .device
+        .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: None,
+            layout: None,
+            vertex: wgpu::VertexState {
+                module,
+                entry_point: Some("vertex"),
+                compilation_options: Default::default(),
+                buffers: &[],
+            },
+            primitive: Default::default(),
+            depth_stencil,
+            multisample: Default::default(),
+            fragment: Some(wgpu::FragmentState {
+                module,
+                entry_point: Some("fragment"),
+                compilation_options: Default::default(),
+                targets: &[Some(target)],
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
+}
+
+/// Something to draw on.
+pub fn target(
+    device: &Device,
+    format: wgpu::TextureFormat,
+    [width, height]: [u32; 2],
+    usage: wgpu::TextureUsages,
+) -> wgpu::TextureView {
+    let texture = device.device.create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size: wgpu::Extent3d {
+            width,
+            height,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: usage | wgpu::TextureUsages::RENDER_ATTACHMENT,
+        view_formats: &[],
+    });
+    texture.create_view(&Default::default())
+}
+
+/// Buffers with the numbers of their bindings.
+pub fn bind(
+    device: &Device,
+    layout: &wgpu::BindGroupLayout,
+    buffers: &[(u32, &Buffer)],
+) -> BindGroup {
+    let entries: Vec<_> = buffers
+        .iter()
+        .map(|(binding, buffer)| wgpu::BindGroupEntry {
+            binding: *binding,
+            resource: buffer.as_entire_binding(),
+        })
+        .collect();
+    device.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: None,
+        layout,
+        entries: &entries,
+    })
+}
+
+/// Runs a compute shader over so many groups.
+pub fn run(
+    device: &Device,
+    encoder: &mut wgpu::CommandEncoder,
+    pipeline: &ComputePipeline,
+    buffers: &[(u32, &Buffer)],
+    [across, down]: [u32; 2],
+) {
+    let group = bind(device, &pipeline.get_bind_group_layout(0), buffers);
+    let mut pass = encoder.begin_compute_pass(&Default::default());
+    pass.set_pipeline(pipeline);
+    pass.set_bind_group(0, &group, &[]);
+    pass.dispatch_workgroups(across, down, 1);
+}

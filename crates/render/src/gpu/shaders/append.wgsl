@@ -1,0 +1,53 @@
+// Every fragment of every triangle goes into its sample's list: twin of raster.rs. No culling, no depth test.
+@group(0) @binding(1) var<storage, read> clip: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> triangles: array<vec4<u32>>;
+@group(0) @binding(3) var<storage, read> meshes: array<Mesh>;
+// Number of a list's first fragment plus one.
+@group(0) @binding(4) var<storage, read_write> heads: array<atomic<u32>>;
+// Next (plus one), depth's bits, kind and facing and triangle.
+@group(0) @binding(5) var<storage, read_write> nodes: array<u32>;
+// One counter would have all cores wait for each other: each tile has its own, on a cache line of its own, and a share of
+// the places; what does not fit there spills into the common ones, whose counter is the first.
+@group(0) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
+
+struct Corner {
+    @builtin(position) position: vec4<f32>,
+    @location(0) @interpolate(flat, either) info: u32,
+}
+
+@vertex
+fn vertex(@builtin(vertex_index) i: u32) -> Corner {
+    let number = i / 3u;
+    let t = triangles[number];
+    let k = i % 3u;
+    let v = select(select(t.z, t.y, k == 1u), t.x, k == 0u);
+    return Corner(clip[v], (meshes[t.w].kind << KIND_AT) | number);
+}
+
+const TILE: u32 = 64u;
+const LINE: u32 = 16u;
+
+@fragment
+fn fragment(
+    @builtin(position) position: vec4<f32>,
+    @builtin(front_facing) is_front: bool,
+    @location(0) @interpolate(flat, either) info: u32,
+) -> @location(0) vec4<f32> {
+    let x = u32(position.x);
+    let y = u32(position.y) - frame.band;
+    let tile = (y / TILE) * ((frame.size.x + TILE - 1u) / TILE) + x / TILE;
+    let own = atomicAdd(&counters[(tile + 1u) * LINE], 1u);
+    var place = tile * frame.of_tile + own;
+    if own >= frame.of_tile {
+        place = frame.spill + atomicAdd(&counters[0], 1u);
+    }
+    // The counter goes on: it says how many places are missing.
+    if place < frame.capacity {
+        let next = atomicExchange(&heads[y * frame.size.x + x], place + 1u);
+        nodes[3u * place] = next;
+        // Bits of a positive number sort as the number does.
+        nodes[3u * place + 1u] = bitcast<u32>(1.0 / position.w);
+        nodes[3u * place + 2u] = info | select(IS_BACK, 0u, is_front);
+    }
+    return vec4<f32>(0.0);
+}

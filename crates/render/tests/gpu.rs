@@ -1,0 +1,263 @@
+//! Pictures from a graphics device: against rays in closed form, and against the processor's.
+#![cfg(feature = "gpu")]
+#![allow(clippy::print_stderr)] // a skipped test says so
+mod solids;
+
+use osteotome_render::gpu::{Fault, Gpu};
+use osteotome_render::{Camera, Frame, Kind, Material, Mesh, Options, Scene, Texture, render};
+use solids::Case;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+
+/// One device for all tests that leave it as it is: a software driver takes seconds to compile the shaders.
+fn shared() -> Option<MutexGuard<'static, Gpu>> {
+    static SHARED: OnceLock<Option<Mutex<Gpu>>> = OnceLock::new();
+    let gpu = SHARED.get_or_init(|| gpu().map(Mutex::new)).as_ref()?;
+    Some(gpu.lock().unwrap_or_else(PoisonError::into_inner))
+}
+
+/// `None`, and a line that says so, where there is no driver (Debian: mesa-vulkan-drivers, libvulkan1).
+fn gpu() -> Option<Gpu> {
+    match Gpu::open(false) {
+        Ok(gpu) => Some(gpu),
+        Err(Fault::NoDevice) => {
+            eprintln!(
+                "SKIPPED: no Vulkan driver, so pictures from a graphics device were not tested"
+            );
+            None
+        }
+        Err(fault) => panic!("{fault}"),
+    }
+}
+
+/// Share of samples that show another mesh, or the same elsewhere.
+fn difference(a: &Frame, b: &Frame) -> f64 {
+    let n = a.ids.len();
+    assert_eq!(n, b.ids.len());
+    let differs = |i: &usize| {
+        a.ids[*i] != b.ids[*i] || (a.depths[*i] - b.depths[*i]).abs() > 1e-3 * a.depths[*i].abs()
+    };
+    (0..n).filter(differs).count() as f64 / n as f64
+}
+
+/// Mean difference of two pictures' colours, of 255.
+fn mean_color(a: &Frame, b: &Frame) -> f64 {
+    let pairs = a
+        .image
+        .pixels
+        .iter()
+        .flatten()
+        .zip(b.image.pixels.iter().flatten());
+    let sum: f64 = pairs.map(|(x, y)| f64::from(x.abs_diff(*y))).sum();
+    sum / (4 * a.image.pixels.len()) as f64
+}
+
+/// Against rays, against the processor's frame, and against itself.
+fn check(cases: &[Case]) {
+    let Some(mut gpu) = shared() else { return };
+    for case in cases {
+        let scene = case.scene();
+        let mut look = |options: &Options| gpu.frame(&scene, &case.camera, options).unwrap();
+        let compare = |options: &Options, frame: &Frame| {
+            is_twin(case.name, frame, &render(&scene, &case.camera, options));
+        };
+        let opaque = case.options(false);
+        let frame = look(&opaque);
+        case.check(&frame);
+        compare(&opaque, &frame);
+        for is_transparent in [false, true] {
+            let small = Options {
+                width: 320,
+                height: 180,
+                is_transparent,
+                ..opaque
+            };
+            let once = look(&small);
+            compare(&small, &once);
+            for _ in 0..10 {
+                assert!(look(&small) == once, "{}: a repeat differs", case.name);
+            }
+        }
+    }
+}
+
+/// Fewer than .01 % of the samples may differ, and colours on the whole hardly at all.
+fn is_twin(name: &str, frame: &Frame, twin: &Frame) {
+    let (share, color) = (difference(frame, twin), mean_color(frame, twin));
+    assert!(
+        share < 1e-4,
+        "{name}: {:.4} % of the samples differ from the processor's",
+        100.0 * share
+    );
+    assert!(color < 0.02, "{name}: colours differ by {color} of 255");
+}
+
+#[test]
+fn sphere_minus_prism() {
+    check(&[solids::sphere_minus_prism()]);
+}
+
+#[test]
+fn nested_shells() {
+    check(&[solids::nested_shells()]);
+}
+
+#[test]
+fn a_bent_crack() {
+    check(&[solids::bent_crack()]);
+}
+
+#[test]
+fn camera_inside_the_bone_and_inside_the_slit() {
+    check(&solids::from_inside());
+}
+
+#[test]
+fn lists_longer_than_what_is_sorted_at_once() {
+    let Some(mut gpu) = shared() else { return };
+    let case = solids::many_shells();
+    for is_transparent in [false, true] {
+        let options = Options {
+            width: 320,
+            height: 180,
+            ..case.options(is_transparent)
+        };
+        let frame = gpu.frame(&case.scene(), &case.camera, &options).unwrap();
+        is_twin(
+            case.name,
+            &frame,
+            &render(&case.scene(), &case.camera, &options),
+        );
+    }
+}
+
+/// Whatever room there is at first: the frame is drawn again with more, and where there is no more, in bands.
+#[test]
+fn too_little_room_changes_nothing() {
+    let Some(mut gpu) = gpu() else { return };
+    let case = solids::many_shells();
+    let options = Options {
+        width: 300,
+        height: 200,
+        ..case.options(false)
+    };
+    let roomy = gpu.frame(&case.scene(), &case.camera, &options).unwrap();
+    for (of_tile, shared, most) in [(1, 1, u32::MAX), (100, 1, 400_000)] {
+        gpu.limit(of_tile, shared, most);
+        for _ in 0..2 {
+            let frame = gpu.frame(&case.scene(), &case.camera, &options).unwrap();
+            assert!(frame == roomy, "{of_tile} places a tile, {most} in all");
+        }
+    }
+    gpu.limit(100, 1, 1000);
+    let refused = gpu.frame(&case.scene(), &case.camera, &options);
+    assert_eq!(refused.unwrap_err(), Fault::TooLarge);
+    let wide = Options {
+        width: 1 << 20,
+        ..options
+    };
+    let refused = gpu.frame(&case.scene(), &case.camera, &wide);
+    assert_eq!(refused.unwrap_err(), Fault::TooLarge);
+}
+
+#[test]
+fn every_material_with_several_samples_a_pixel() {
+    let Some(mut gpu) = shared() else { return };
+    let case = solids::sphere_minus_prism();
+    for (texture, gloss) in [
+        (Texture::Plain, 0.75),
+        (Texture::Cortical, 0.28),
+        (Texture::Sawn, 0.1),
+        (Texture::Broken, 0.05),
+        (Texture::Steel, 0.8),
+        (Texture::Signal, 0.0),
+    ] {
+        let scene = case.scene_with(texture, gloss);
+        for (samples, is_transparent) in [(2, false), (3, true)] {
+            let options = Options {
+                width: 160,
+                height: 90,
+                samples,
+                is_transparent,
+            };
+            let frame = gpu.frame(&scene, &case.camera, &options).unwrap();
+            let twin = render(&scene, &case.camera, &options);
+            is_twin(&format!("{texture:?}"), &frame, &twin);
+        }
+    }
+}
+
+/// A fixed sequence of numbers, 0 to 1.
+struct Numbers(u32);
+
+impl Numbers {
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (self.0 >> 8) as f32 / 16_777_216.0
+    }
+
+    fn point(&mut self) -> [f32; 3] {
+        [(); 3].map(|()| 30.0 * self.next() - 15.0)
+    }
+}
+
+/// Triangles of all kinds anywhere, closed by nothing, some of them pairs that are almost closed gaps.
+#[test]
+fn any_triangles_of_any_kind() {
+    let Some(mut gpu) = shared() else { return };
+    let mut numbers = Numbers(1);
+    let kinds = [
+        Kind::Bone,
+        Kind::Seam,
+        Kind::Kerf,
+        Kind::Gap,
+        Kind::Within,
+        Kind::Solid,
+    ];
+    let mut shapes = Vec::new();
+    for kind in kinds.into_iter().cycle().take(60) {
+        let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+        for _ in 0..5 {
+            let corners = [(); 3].map(|()| numbers.point());
+            let first = positions.len() as u32;
+            positions.extend(corners);
+            triangles.push([first, first + 1, first + 2]);
+            if kind == Kind::Gap {
+                // Some open, some closed.
+                let aside = 0.06 * numbers.next();
+                positions.extend(corners.map(|[x, y, z]| [x, y + aside, z]));
+                triangles.push([first + 3, first + 5, first + 4]);
+            }
+        }
+        shapes.push((kind, positions, triangles));
+    }
+    let meshes = shapes.iter().map(|(kind, positions, triangles)| Mesh {
+        kind: *kind,
+        material: Material {
+            color: [0.5; 3],
+            opacity: 0.2,
+            gloss: 0.1,
+            texture: Texture::Plain,
+        },
+        positions,
+        rest: &[],
+        normals: &[],
+        triangles,
+    });
+    let scene = Scene {
+        meshes: meshes.collect(),
+        background: [[0.1; 3], [0.3; 3]],
+    };
+    for eye in [[2.0, -45.0, 9.0], [1.0, -3.0, 2.0]] {
+        let camera = Camera::look_at(eye, [0.0; 3], [0.0, 0.0, 1.0], 50.0);
+        for is_transparent in [false, true] {
+            let options = Options {
+                width: 640,
+                height: 360,
+                samples: 1,
+                is_transparent,
+            };
+            let frame = gpu.frame(&scene, &camera, &options).unwrap();
+            is_twin("any triangles", &frame, &render(&scene, &camera, &options));
+        }
+    }
+}
