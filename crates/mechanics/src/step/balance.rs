@@ -60,8 +60,27 @@ impl<'a> Balance<'a> {
     /// The affordable growth of a stretch of front: as a whole or, if the energy does not suffice, only where it is driven
     /// hardest.
     pub fn advance(&self, front: &Front, moves: &[Vec3]) -> Result<Option<Trial>, BodyError> {
-        for part in parts(moves).into_iter().chain(self.windows(moves)) {
-            let trial = self.weigh(self.body.advanced(&[(front, &part)]))?;
+        self.first_paid(front, parts(moves))
+    }
+
+    /// What of a stretch that cannot pay as it would move can pay by itself: the stretch moved as far as if no other front were
+    /// driven harder, or a short piece of it.
+    pub fn advance_some(&self, front: &Front, moves: &[Vec3]) -> Result<Option<Trial>, BodyError> {
+        let increment = self.body.solid.lengths.increment;
+        let farthest = longest(moves);
+        let alone = (farthest < 0.9 * increment).then(|| scaled(moves, increment / farthest));
+        let alone = alone.map(|moves| parts(&moves)).unwrap_or_default();
+        let pieces = alone.into_iter().chain(self.windows(moves));
+        self.first_paid(front, pieces)
+    }
+
+    fn first_paid(
+        &self,
+        front: &Front,
+        growths: impl IntoIterator<Item = Vec<Vec3>>,
+    ) -> Result<Option<Trial>, BodyError> {
+        for moves in growths {
+            let trial = self.weigh(self.body.advanced(&[(front, &moves)]))?;
             if let Some(paid) = trial.filter(|t| t.ratio >= 1.0) {
                 return Ok(Some(paid));
             }
@@ -69,8 +88,7 @@ impl<'a> Balance<'a> {
         Ok(None)
     }
 
-    /// Short pieces of a stretch, each moved as far as if it were alone, hardest driven first. What a long stretch cannot pay for as a
-    /// whole, a piece of it may.
+    /// Short pieces of a stretch, each moved as far as if it were alone, hardest driven first.
     fn windows(&self, moves: &[Vec3]) -> Vec<Vec<Vec3>> {
         let mut windows: Vec<(f64, usize)> = (0..moves.len().saturating_sub(WINDOW))
             .step_by(WINDOW / 2)
@@ -86,9 +104,7 @@ impl<'a> Balance<'a> {
             let farthest = longest(&moves[places.clone()]);
             let scale = self.body.solid.lengths.increment / farthest;
             let mut part = vec![Vec3::zeros(); moves.len()];
-            for k in places {
-                part[k] = moves[k] * scale;
-            }
+            part[places.clone()].copy_from_slice(&scaled(&moves[places], scale));
             part
         };
         windows.into_iter().take(MOST_WINDOWS).map(alone).collect()
@@ -115,6 +131,10 @@ fn parts(moves: &[Vec3]) -> Vec<Vec<Vec3>> {
         }
     }
     parts
+}
+
+fn scaled(moves: &[Vec3], by: f64) -> Vec<Vec3> {
+    moves.iter().map(|m| m * by).collect()
 }
 
 fn longest(moves: &[Vec3]) -> f64 {

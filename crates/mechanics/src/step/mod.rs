@@ -5,6 +5,7 @@ mod balance;
 mod bone;
 mod crack_faces;
 pub mod haptic;
+mod ligament;
 pub mod main;
 mod propagation;
 mod relaxation;

@@ -1,5 +1,6 @@
 use super::balance::{Balance, Trial};
 use super::bone::{Bone, BoneState};
+use super::ligament;
 use crate::crack::growth::Drive;
 use crate::crack::load_control::FrontDrives;
 use crate::crack::stress_intensity::Station;
@@ -9,13 +10,15 @@ use crate::geometry::Vec3;
 /// How the propagation step behaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PropagationSettings {
-    /// The last ligament is tried as a whole once at most this many mesh edges still hold the two ends together.
-    pub ligament_edges: usize,
+    /// Ligaments are tried as a whole once at most this many mesh edges, or this share of all, still hold the two ends together.
+    pub ligament_edges: (usize, f64),
 }
 
 impl Default for PropagationSettings {
     fn default() -> Self {
-        Self { ligament_edges: 12 }
+        Self {
+            ligament_edges: (12, 0.0025),
+        }
     }
 }
 
@@ -61,7 +64,7 @@ pub struct GrowthReport {
     pub strongest: f64,
     /// Whether any front advanced.
     pub advanced: bool,
-    /// Whether the last ligament was torn as a whole: its edges, and its energy release rate over its toughness.
+    /// The ligament that came nearest to tearing as a whole: its edges, and its energy release rate over its toughness.
     pub ligament: Option<(usize, f64)>,
 }
 
@@ -94,14 +97,15 @@ pub fn propagation_step(
         report.fronts.push(points.collect());
     }
     let balance = Balance::new(&bone.cracked, &state.loads);
-    let mut best: Option<Trial> = None;
-    for (front, moves) in stretches(&evaluated, &moves, lengths.increment) {
-        let trial = balance.advance(front, &moves)?;
-        let ratio = best.as_ref().map_or(0.0, |b| b.ratio);
-        best = trial.filter(|t| t.ratio > ratio).or(best);
+    let stretches = stretches(&evaluated, &moves);
+    let mut best = best_of(&stretches, |front, moves| balance.advance(front, moves))?;
+    if best.is_none() {
+        best = best_of(&stretches, |front, moves| {
+            balance.advance_some(front, moves)
+        })?;
     }
     if best.is_none()
-        && let Some((n_edges, torn)) = ligament(bone, &balance, settings)?
+        && let Some((n_edges, torn)) = ligament::weakest(bone, &balance, settings)?
     {
         report.ligament = Some((n_edges, torn.ratio));
         best = Some(torn).filter(|t| t.ratio >= 1.0);
@@ -114,13 +118,22 @@ pub fn propagation_step(
     Ok((Some(next), report))
 }
 
-/// The moving stretches of all fronts, each by itself and as far as if it were alone: by the increment where it is driven hardest. The
-/// one that pays best advances; then tools and bone come to rest anew before the next one does, as that load may be gone.
-fn stretches<'a>(
-    fronts: &'a [EvaluatedFront],
-    moves: &[Vec<Vec3>],
-    increment: f64,
-) -> Vec<(&'a Front, Vec<Vec3>)> {
+/// Of what comes of the stretches, the growth that pays best. It alone is made; then tools and bone come to rest anew before the next
+/// one is, as that load may be gone.
+fn best_of(
+    stretches: &[(&Front, Vec<Vec3>)],
+    grow: impl Fn(&Front, &[Vec3]) -> Result<Option<Trial>, BodyError>,
+) -> Result<Option<Trial>, BodyError> {
+    let mut best: Option<Trial> = None;
+    for (front, moves) in stretches {
+        let ratio = best.as_ref().map_or(0.0, |b| b.ratio);
+        best = grow(front, moves)?.filter(|t| t.ratio > ratio).or(best);
+    }
+    Ok(best)
+}
+
+/// The moving stretches of all fronts, each by itself.
+fn stretches<'a>(fronts: &'a [EvaluatedFront], moves: &[Vec<Vec3>]) -> Vec<(&'a Front, Vec<Vec3>)> {
     let rests = |m: &Vec3| *m == Vec3::zeros();
     let mut found = Vec::new();
     for (e, moves) in fronts.iter().zip(moves) {
@@ -129,37 +142,11 @@ fn stretches<'a>(
             let places = start..start + stretch.len();
             start = places.end;
             if !rests(&stretch[0]) {
-                let farthest = stretch.iter().map(Vec3::norm).fold(0.0, f64::max);
                 let mut alone = vec![Vec3::zeros(); moves.len()];
-                for (to, from) in alone[places].iter_mut().zip(stretch) {
-                    *to = from * (increment / farthest);
-                }
+                alone[places].copy_from_slice(stretch);
                 found.push((&e.front, alone));
             }
         }
     }
     found
-}
-
-/// Largest area that tears as a whole, in squared element sizes: about that of the integrals' domain.
-const LARGEST_LIGAMENT: f64 = 4.0;
-
-/// The last ligament between the ends: how many edges it has, and what comes of tearing it as a whole.
-///
-/// A ligament of a few edges is smaller than the domain of any integral: only the balance can tell.
-fn ligament(
-    bone: &Bone,
-    balance: &Balance,
-    settings: &PropagationSettings,
-) -> Result<Option<(usize, Trial)>, BodyError> {
-    let body = &bone.body;
-    let Some(edges) = bone.bridge(settings.ligament_edges) else {
-        return Ok(None);
-    };
-    let mut growth = bone.advanced(&[]);
-    growth.tear(&body.mesh, edges);
-    let torn = balance.weigh(growth)?;
-    // Whatever is larger than the domain of the integrals is a crack front's business, not a ligament's.
-    let largest = LARGEST_LIGAMENT * body.lengths.h * body.lengths.h;
-    Ok(torn.filter(|t| t.area <= largest).map(|t| (edges.len(), t)))
 }

@@ -28,7 +28,7 @@ impl Rebase {
     pub(super) fn follow(&mut self, bone: &mut Bone) {
         if let Some(running) = self.running.take_if(|r| bone.generation >= r.due) {
             let base = running.thread.join().ok().and_then(Result::ok);
-            self.has_failed = !base.is_some_and(|base| bone.rebase(&base).is_ok());
+            self.has_failed = base.is_none_or(|base| bone.rebase(&base).is_err());
         }
         if self.running.is_none() && !self.has_failed && bone.is_border_heavy() {
             let body = (**bone).clone();
