@@ -1,6 +1,5 @@
 //! Project chores: `cargo run -p xtask -- meshes` writes the meshes and cracks of `validation/`,
 //! `cargo run --release -p xtask -- validation` solves them and writes `docs/validation.md`.
-mod chart;
 mod meshes;
 mod validation;
 

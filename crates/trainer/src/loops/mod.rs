@@ -4,6 +4,7 @@ mod lockstep;
 mod realtime;
 
 pub use exchange::{Control, Published, Subscribed, latest};
+pub(crate) use lockstep::timed;
 pub use lockstep::lockstep;
 pub use realtime::{realtime, realtime_under};
 
