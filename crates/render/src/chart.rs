@@ -250,7 +250,11 @@ impl Chart {
 fn ticks(range: [f64; 2], is_log: bool) -> Vec<f64> {
     let [lo, hi] = range;
     let all: Vec<f64> = if is_log {
-        let steps: &[f64] = if hi > 3e2 * lo { &[1.0] } else { &[1.0, 2.0, 5.0] };
+        let steps: &[f64] = if hi > 3e2 * lo {
+            &[1.0]
+        } else {
+            &[1.0, 2.0, 5.0]
+        };
         let decades = lo.log10().floor() as i32..=hi.log10().ceil() as i32;
         decades
             .flat_map(|d| steps.iter().map(move |s| s * 10f64.powi(d)))
@@ -264,9 +268,7 @@ fn ticks(range: [f64; 2], is_log: bool) -> Vec<f64> {
         let last = (hi / step).floor() as i64;
         (first..=last).map(|k| k as f64 * step).collect()
     };
-    all.into_iter()
-        .filter(|v| (lo..=hi).contains(v))
-        .collect()
+    all.into_iter().filter(|v| (lo..=hi).contains(v)).collect()
 }
 
 fn text(at: [f64; 2], share_left: f64, words: &str) -> Shape {

@@ -7,7 +7,7 @@ use osteotome_render::chart::{Chart, Series};
 use std::path::Path;
 
 /// What Figure 5 shows before and after the break \[s\].
-const AROUND: [f64; 2] = [0.6, 0.4];
+const AROUND: [f64; 2] = [1.2, 0.4];
 /// Rates are those over so long \[s\].
 const WINDOW: f64 = 0.2;
 
@@ -55,7 +55,10 @@ fn loads(paced: &Paced, scenario: &Scenario, of: usize) -> Chart {
         ],
         series: vec![line(0), line(1)],
         floor: Some(0.0),
-        marks: broken.map(|t| (t, "break".to_owned())).into_iter().collect(),
+        marks: broken
+            .map(|t| (t, "break".to_owned()))
+            .into_iter()
+            .collect(),
         ..Chart::default()
     }
 }
@@ -98,7 +101,10 @@ fn main_rate(times: &[f64], haptic: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let mut rates = Vec::new();
     let mut first = 0;
     for (k, now) in times.iter().enumerate() {
-        while times[first + 1..=k].first().is_some_and(|t| now - t >= WINDOW) {
+        while times[first + 1..=k]
+            .first()
+            .is_some_and(|t| now - t >= WINDOW)
+        {
             first += 1;
         }
         if now - times[first] >= WINDOW {
@@ -117,6 +123,9 @@ fn rate_at(rates: &[(f64, f64)], time: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scenario::{BSSO_RIGHT, Source, load};
+    use crate::session::{GrowthSample, HandSample, HapticSample};
+    use osteotome_mechanics::geometry::{Pose, Vec3};
 
     #[test]
     fn the_haptic_rate_is_steps_over_wall_time() {
@@ -133,5 +142,60 @@ mod tests {
         let main = main_rate(&ends, &rates);
         assert!((rate_at(&main, 0.3) - 25.0).abs() < 1e-6);
         assert!((rate_at(&main, 1.2) - 50.0).abs() < 1e-6);
+    }
+
+    /// Both hands press with 1 and 2 N at the device, twist with 3 and 4 N mm, and the bone breaks at 1 s.
+    fn paced(scenario: &Scenario) -> Paced {
+        let wrench = |k: f64| osteotome_devices::Wrench {
+            force: Vec3::x() * k,
+            torque: Vec3::y() * (k + 2.0),
+        };
+        let hand = |k: f64| HandSample {
+            device_pose: Pose::identity(),
+            device_buttons: 0,
+            tool_pose: Pose::identity(),
+            wrench: wrench(k),
+            saturated: false,
+            contacts: 0,
+        };
+        let haptic = (0..2000u64).map(|step| HapticSample {
+            step,
+            time: step as f64 * scenario.loops.dt(),
+            hands: [hand(1.0), hand(2.0)],
+        });
+        let growth = serde_json::json!({
+            "vertices": [], "triangles": [], "kerf": [], "generation": 1, "front": [], "area": 1.0, "fragments": 2, "severed": true
+        });
+        let growth: GrowthSample = serde_json::from_value(growth).unwrap();
+        Paced {
+            haptic: haptic.collect(),
+            main: (0..100).map(|k| 0.02 * f64::from(k)).collect(),
+            growth: vec![GrowthSample {
+                time: 1.0,
+                ..growth
+            }],
+            clock: (0..100).map(|k| [0.02 * f64::from(k); 2]).collect(),
+            ..Paced::default()
+        }
+    }
+
+    #[test]
+    fn figures_are_written_in_both_forms_and_in_bone_units() {
+        let source = Source::Text {
+            name: "test".into(),
+            text: BSSO_RIGHT.into(),
+        };
+        let scenario = load(&source, &[], Path::new("/")).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        write(&paced(&scenario), &scenario, folder.path()).unwrap();
+        for name in ["force", "torque", "rates"] {
+            let file = |ending: &str| std::fs::read(folder.path().join(format!("{name}.{ending}")));
+            assert!(file("png").unwrap().starts_with(b"\x89PNG"));
+            let svg = String::from_utf8(file("svg").unwrap()).unwrap();
+            assert!(svg.starts_with("<svg") && svg.contains("break"));
+        }
+        // 2 N at the device are 400 N at the bone, so that the axis goes to 400 and not far beyond.
+        let force = loads(&paced(&scenario), &scenario, 0).svg();
+        assert!(force.contains(">400</text>") && !force.contains(">500</text>"));
     }
 }

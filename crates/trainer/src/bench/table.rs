@@ -1,7 +1,7 @@
 //! What `bench` says to people.
 use super::Evaluation;
 use super::probe::SIZE;
-use super::rows::Row;
+use super::rows::{Part, Row};
 
 /// Table 1, baselines, rates.
 pub fn text(e: &Evaluation) -> String {
@@ -27,8 +27,11 @@ pub fn text(e: &Evaluation) -> String {
     ];
     lines.extend(e.replayed.rows.iter().map(row));
     lines.push(String::new());
-    lines.push("Beside other methods in the same situations, results checked to be equal:".to_owned());
+    lines.push(
+        "Beside other methods in the same situations, results checked to be equal:".to_owned(),
+    );
     lines.extend(e.replayed.rows.iter().flat_map(baselines));
+    lines.extend(equations(&e.replayed.rows));
     lines.push(String::new());
     let [haptic, main, propagation] = e.paced.hz();
     let missed = e.paced.pace.map(|p| p.missed);
@@ -38,6 +41,21 @@ pub fn text(e: &Evaluation) -> String {
     ));
     lines.push("The paper's Figure 6: haptic loop 1000 Hz, main loop 30 to 50 Hz.".to_owned());
     lines.join("\n")
+}
+
+/// What the paper does after each growth, over what is done here.
+fn equations(rows: &[Row]) -> Option<String> {
+    let of = |part: Part| {
+        let pairs = rows.iter().find(|r| r.part == part)?.baselines.first()?;
+        let full = pairs.baseline_ms()?;
+        Some([full, full / pairs.ratio()?])
+    };
+    let [a, b] = [of(Part::Linearisation)?, of(Part::Factorisation)?];
+    let [full, ours] = [a[0] + b[0], a[1] + b[1]];
+    let ratio = full / ours;
+    Some(format!(
+        "Linearisation and factorisation of a growth together: {ours:.3} ms, in full {full:.3} ms: {ratio:.1} times as long."
+    ))
 }
 
 fn row(row: &Row) -> String {
@@ -62,7 +80,7 @@ fn baselines(row: &Row) -> Vec<String> {
     let line = |b: &super::times::Pairs| {
         let (ms, ratio) = (b.baseline_ms()?, b.ratio()?);
         Some(format!(
-            "{:<18}{ms:>10.3} ms, {ratio:>7.2} times ours: {} (tried {} times)",
+            "{:<18}{ms:>10.3} ms, {ratio:>7.2} times ours: {} (n = {})",
             row.part.name(),
             b.what,
             b.len()

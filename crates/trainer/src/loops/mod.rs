@@ -4,8 +4,8 @@ mod lockstep;
 mod realtime;
 
 pub use exchange::{Control, Published, Subscribed, latest};
-pub(crate) use lockstep::timed;
 pub use lockstep::lockstep;
+pub(crate) use lockstep::timed;
 pub use realtime::{realtime, realtime_under};
 
 use crate::input::Input;

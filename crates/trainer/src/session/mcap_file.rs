@@ -218,8 +218,7 @@ impl Recording {
         } else {
             mcap::read::Options::IgnoreEndMagic.into()
         };
-        let stream =
-            mcap::MessageStream::new_with_options(bytes, options).with_context(damaged)?;
+        let stream = mcap::MessageStream::new_with_options(bytes, options).with_context(damaged)?;
         let mut scenario = None;
         let mut hands = [vec![], vec![]];
         let (mut main, mut growth, mut bone) = (vec![], vec![], vec![]);

@@ -65,8 +65,7 @@ impl Growths {
             check(&new.system, &system)?;
             let (one, other) = (full.linearisation, full.factorisation);
             self.assembled.push(ours.linearisation, one, one);
-            self.factored
-                .push(ours.factorisation, other, full.sum());
+            self.factored.push(ours.factorisation, other, full.sum());
         }
         Ok(())
     }

@@ -13,6 +13,8 @@ use osteotome_render::{Camera, Options, render};
 pub const SIZE: [usize; 2] = [1280, 720];
 /// Of every so many main steps one is drawn: at 50 Hz, 25 updates a second; and of these one in so many as a picture.
 const EVERY: [u64; 2] = [2, 8];
+/// Pictures are drawn no longer than this in all \[ms\].
+const LONGEST: f64 = 6000.0;
 
 /// The drawn scene along a session.
 pub struct Views<'a> {
@@ -75,7 +77,7 @@ impl<'a> Views<'a> {
         let (moment, ms) = in_ms(|| self.scenery.moment(&now, &self.growth));
         let moment = moment?;
         self.update.push(ms);
-        if self.n_steps.is_multiple_of(EVERY[0] * EVERY[1]) {
+        if self.n_steps.is_multiple_of(EVERY[0] * EVERY[1]) && self.render.sum() < LONGEST {
             let scene = moment.scene();
             let options = Options {
                 width: SIZE[0],
