@@ -24,6 +24,8 @@ pub struct Replayed {
     pub crack: Option<GrowthSample>,
     /// Simulated time \[s\].
     pub seconds: f64,
+    /// Where pictures were drawn.
+    pub drawn_on: String,
     /// The bone as it ended.
     pub bone: Bone,
     /// Where the tools touched it, now and then.
@@ -57,6 +59,7 @@ pub fn replay(
     Ok(Replayed {
         crack: player.views.crack().cloned(),
         seconds,
+        drawn_on: player.views.place(),
         bone: player.engine.main.bone().clone(),
         touches: std::mem::take(&mut player.touches),
         rows: player.rows(),

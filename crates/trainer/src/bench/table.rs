@@ -17,7 +17,8 @@ pub fn text(e: &Evaluation) -> String {
             s.nodes, s.tets, s.points, s.faces, e.replayed.seconds
         ),
         format!(
-            "Times in ms, in lockstep on one thread; pictures of {w} x {h} on the processor, all threads. Paper: Knott and Kuhlen 2015, Table 1."
+            "Times in ms, in lockstep on one thread; pictures of {w} x {h} drawn on {}. Paper: Knott and Kuhlen 2015, Table 1.",
+            e.replayed.drawn_on
         ),
         String::new(),
         format!(

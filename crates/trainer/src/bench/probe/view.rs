@@ -6,8 +6,8 @@ use crate::engine::Prepared;
 use crate::picture::{Instant, Scenery, View};
 use crate::scenario::Scenario;
 use crate::session::{BoneSample, GrowthSample, HandSample};
-use anyhow::Result;
-use osteotome_render::{Camera, Options, render};
+use anyhow::{Error, Result};
+use osteotome_render::{Camera, Choice, Options, Renderer};
 
 /// Pixels of the pictures.
 pub const SIZE: [usize; 2] = [1280, 720];
@@ -20,6 +20,7 @@ const LONGEST: f64 = 6000.0;
 pub struct Views<'a> {
     scenery: Scenery<'a>,
     camera: Camera,
+    renderer: Renderer,
     growth: Vec<GrowthSample>,
     update: Times,
     render: Times,
@@ -36,6 +37,7 @@ impl<'a> Views<'a> {
         Ok(Self {
             scenery: Scenery::new(prepared, scenario)?,
             camera: View::Close.camera(prepared, aspect),
+            renderer: Renderer::new(Choice::Fastest).map_err(Error::msg)?,
             growth: vec![sawn],
             update: Times::default(),
             render: Times::default(),
@@ -46,6 +48,11 @@ impl<'a> Views<'a> {
     /// The crack has grown.
     pub fn grew(&mut self, growth: GrowthSample) {
         self.growth.push(growth);
+    }
+
+    /// Where pictures are drawn, in half a sentence.
+    pub fn place(&self) -> String {
+        self.renderer.place()
     }
 
     /// The last crack.
@@ -85,8 +92,8 @@ impl<'a> Views<'a> {
                 samples: 1,
                 is_transparent: false,
             };
-            let (frame, ms) = in_ms(|| render(&scene, &self.camera, &options));
-            std::hint::black_box(frame);
+            let (image, ms) = in_ms(|| self.renderer.image(&scene, &self.camera, &options));
+            std::hint::black_box(image);
             self.render.push(ms);
         }
         Ok(())
