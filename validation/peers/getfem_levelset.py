@@ -19,6 +19,7 @@ import json
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import getfem as gf
@@ -59,7 +60,8 @@ def plane(slope):
 
 
 def osteotome(binary, folder, nodes, tets, slope, end):
-    """Energy and enriched nodes of the block by `osteotome fracture`, the geometric front at x = `end`."""
+    """Energy and enriched nodes of the block by `osteotome fracture`, the geometric front at x = `end`; and milliseconds, reading
+    the case and evaluating the front included."""
     lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(nodes))]
     lines += [f"{i + 1} {x!r} {y!r} {z!r}" for i, (x, y, z) in enumerate(nodes.tolist())]
     lines += ["$EndNodes", "$Elements", str(len(tets))]
@@ -82,15 +84,17 @@ def osteotome(binary, folder, nodes, tets, slope, end):
     if run.returncode:
         sys.exit(run.stderr)
     result = json.loads(run.stdout)
-    return result["strain_energy"], result["enriched_nodes"]
+    timing = result["timing_ms"]
+    return result["strain_energy"], result["enriched_nodes"], timing["setup"] + timing["evaluate"]
 
 
 def getfem(nodes, tets, phi):
-    """Energy and further functions of the same block by GetFEM."""
+    """Energy and further functions of the same block by GetFEM; and milliseconds from the level set to the solution."""
     mesh = gf.Mesh("empty", 3)
     mesh.add_convex(gf.GeoTrans("GT_PK(3,1)"), nodes[tets].transpose(2, 1, 0))
     linear = gf.MeshFem(mesh)
     linear.set_fem(gf.Fem("FEM_PK(3,1)"))
+    begin = time.perf_counter()
     level = gf.LevelSet(mesh, 1, "ws")
     points = level.mf().basic_dof_nodes().T
     level.set_values(phi(points), points[:, 0] - END)
@@ -117,18 +121,19 @@ def getfem(nodes, tets, phi):
         model.add_initialized_data(f"moved{region}", moved)
         model.add_Dirichlet_condition_with_multipliers(integrals, "u", values, region, f"moved{region}")
     model.solve("max_res", 1e-12)
+    ms = 1e3 * (time.perf_counter() - begin)
     u = model.variable("u")
     lame = [model.variable(k)[0] * np.ones(linear.nbdof()) for k in ("lambda", "mu")]
     stiffness = gf.asm_linear_elasticity(integrals, field, linear, *lame)
-    return 0.5 * u @ stiffness.mult(u), further
+    return 0.5 * u @ stiffness.mult(u), further, ms
 
 
 def main():
     gf.util_trace_level(0)
     if len(sys.argv) != 2:
         sys.exit(__doc__)
-    print("| case | nodes | osteotome [N mm] | GetFEM [N mm] | difference | further functions |")
-    print("|---|---|---|---|---|---|")
+    print("| case | nodes | osteotome [N mm] | GetFEM [N mm] | difference | further functions | osteotome [ms] | GetFEM [ms] | ratio |")
+    print("|---|---|---|---|---|---|---|---|---|")
     worst = 0.0
     for name, seed, slope in [("level plane", 1, 0.0), ("inclined plane", 2, 0.13), ("steeper, other nodes", 7, -0.31)]:
         nodes, tets = block(seed, slope)
@@ -136,17 +141,18 @@ def main():
         distance = np.abs(phi(nodes)[nodes[:, 0] < END + 1.0]).min()
         if distance < 0.05 * 1.4:
             sys.exit(f"{name}: a node lies {distance:.3f} mm from the plane, where osteotome would move it off")
-        theirs, further = getfem(nodes, tets, phi)
+        theirs, further, their_ms = getfem(nodes, tets, phi)
         binary = Path(sys.argv[1]).resolve()
         for end in np.arange(END - 1.4, END - 0.6, 0.05):
             with tempfile.TemporaryDirectory() as folder:
-                ours, enriched = osteotome(binary, Path(folder), nodes, tets, slope, end)
+                ours, enriched, our_ms = osteotome(binary, Path(folder), nodes, tets, slope, end)
             if enriched >= further:
                 break
         if enriched != further:
             sys.exit(f"{name}: {enriched} enriched nodes against {further}: the two cut different elements")
         worst = max(worst, abs(ours / theirs - 1.0))
-        print(f"| {name} | {len(nodes)} | {ours:.9f} | {theirs:.9f} | {ours / theirs - 1.0:+.1e} | {further} |")
+        print(f"| {name} | {len(nodes)} | {ours:.9f} | {theirs:.9f} | {ours / theirs - 1.0:+.1e} | {further} "
+              f"| {our_ms:.1f} | {their_ms:.1f} | {their_ms / our_ms:.1f} |")
     if worst > 1e-6:
         sys.exit(f"the energies differ by {worst:.1e}; they must agree to 1e-6")
 

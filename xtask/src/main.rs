@@ -1,15 +1,18 @@
 //! Project chores: `cargo run -p xtask -- meshes` writes the meshes and cracks of `validation/`,
-//! `cargo run --release -p xtask -- validation` solves them and writes `docs/validation.md`.
-mod chart;
+//! `cargo run --release -p xtask -- validation` solves them and writes `docs/validation.md`,
+//! `cargo run -p xtask -- scaling nodes a.json b.json` (or `points`) draws `docs/performance/` from runs of `osteotome bench --json`.
 mod meshes;
+mod scaling;
 mod validation;
 
 use anyhow::{Result, bail};
 
 fn main() -> Result<()> {
-    match std::env::args().nth(1).as_deref() {
-        Some("meshes") => meshes::write_all(),
-        Some("validation") => validation::write(),
-        _ => bail!("give a chore: meshes or validation"),
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["meshes"] => meshes::write_all(),
+        ["validation"] => validation::write(),
+        ["scaling", what, ..] => scaling::write(what, &arguments[2..]),
+        _ => bail!("give a chore: meshes, validation, or scaling nodes|points FILE..."),
     }
 }

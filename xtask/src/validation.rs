@@ -1,6 +1,6 @@
 //! `docs/validation.md`: every case of `validation/` solved, and what the validation tests of mechanics measure.
-use crate::chart::{Chart, Series};
 use anyhow::{Context, Result, ensure};
+use osteotome_render::chart::{Chart, Series};
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -184,7 +184,7 @@ fn along_front(result: &Value, axis: impl Fn(&Value) -> f64, what: &str, expecte
             Series::new("closed form", ends.map(|x| (x, 1.0)).to_vec()),
         ],
         floor: Some(0.0),
-        is_equal: false,
+        ..Chart::default()
     }
 }
 
@@ -297,8 +297,8 @@ fn inclined(root: &Path) -> Result<Section> {
             title: "Path of the crack, seen along its front".to_owned(),
             axes: ["x [mm]".to_owned(), "z, along the tension [mm]".to_owned()],
             series: vec![Series::new("crack", path)],
-            floor: None,
             is_equal: true,
+            ..Chart::default()
         },
         remark: "",
         result,
@@ -346,8 +346,8 @@ fn skew_notch(root: &Path) -> Result<Section> {
                 "y, across [mm]".to_owned(),
             ],
             series: series.collect(),
-            floor: None,
             is_equal: true,
+            ..Chart::default()
         },
         remark: "",
         result,
@@ -407,7 +407,7 @@ fn two_sheets(root: &Path) -> Result<Section> {
             axes: ["y along the front [mm]".to_owned(), "G [N/mm]".to_owned()],
             series: vec![Series::new("ours", points)],
             floor: Some(0.0),
-            is_equal: false,
+            ..Chart::default()
         },
         remark: "",
         result,

@@ -10,8 +10,17 @@ use osteotome_mechanics::tool::ToolModel;
 use support::{Block, aside, downward, model, moved, noise};
 
 fn contacts(model: &ToolModel, block: &Block, pose: &Pose) -> Vec<Contact> {
+    contacts_with_room(4096, model, block, pose)
+}
+
+fn contacts_with_room(
+    n_cells: usize,
+    model: &ToolModel,
+    block: &Block,
+    pose: &Pose,
+) -> Vec<Contact> {
     let shape = &model.tools[0].shape;
-    let mut near = NearPoints::with_capacity(4096, 16_384);
+    let mut near = NearPoints::with_capacity(n_cells, 16_384);
     near.find(shape, pose, &block.scene());
     let mut found = Vec::with_capacity(16_384);
     penetrations(shape, pose, &block.scene(), &near, &mut found);
@@ -64,6 +73,24 @@ fn the_query_finds_what_brute_force_finds() {
     assert!(
         total > 1000,
         "only {total} contacts: the poses miss the block"
+    );
+}
+
+/// The room is for cells near a tool; how many the bone has, and so their numbers, does not matter.
+#[test]
+fn cells_of_high_number_are_found_too() {
+    let block = Block::still(8);
+    let model = model(0.0);
+    let room = block.shell.n_cells() / 3;
+    let mut highest = 0;
+    for pose in random_poses(40) {
+        let found = contacts(&model, &block, &pose);
+        assert_eq!(contacts_with_room(room, &model, &block, &pose), found);
+        highest = found.iter().map(|c| c.cell).fold(highest, u32::max);
+    }
+    assert!(
+        highest as usize > room,
+        "no cell beyond the room is touched"
     );
 }
 

@@ -40,6 +40,36 @@ impl<'a> Canvas<'a> {
         }
     }
 
+    /// The same without a rim, for a light ground.
+    pub fn plain_text(&mut self, at: [f32; 2], height: f32, color: [u8; 3], text: &str) {
+        let place = |[x, y]: [f32; 2]| [at[0] + x, at[1] + y];
+        self.strokes_of(text, height, color, place);
+    }
+
+    /// Likewise, to be read from below upwards, with the first letter's upper left corner at `at`.
+    pub fn upright_text(&mut self, at: [f32; 2], height: f32, color: [u8; 3], text: &str) {
+        let place = |[x, y]: [f32; 2]| [at[0] + y, at[1] - x];
+        self.strokes_of(text, height, color, place);
+    }
+
+    fn strokes_of(
+        &mut self,
+        text: &str,
+        height: f32,
+        color: [u8; 3],
+        place: impl Fn([f32; 2]) -> [f32; 2],
+    ) {
+        let width = (0.13 * height).max(1.2);
+        for (k, c) in text.chars().enumerate() {
+            let left = k as f32 * ADVANCE * height;
+            for (a, b) in strokes(c) {
+                let [a, b] = [a, b].map(|p| p.map(|v| v * height / 6.0));
+                let [a, b] = [a, b].map(|[x, y]| place([left + x, y]));
+                self.line(a, b, width, color);
+            }
+        }
+    }
+
     /// How wide a text of such height is.
     pub fn text_width(height: f32, text: &str) -> f32 {
         let n = text.chars().count() as f32;
@@ -147,6 +177,10 @@ fn glyph(c: char) -> &'static str {
         '-' => "03 43",
         '=' => "02 42|04 44",
         '/' => "06 40",
+        '(' => "30 12 14 36",
+        ')' => "10 32 34 16",
+        '%' => "06 40|11|45",
+        '+' => "03 43|21 25",
         _ => "",
     }
 }

@@ -5,6 +5,7 @@
 //! (`shade`, `ambient`). Lengths are mm, colours linear RGB.
 mod ambient;
 mod annotate;
+pub mod chart;
 pub mod csg;
 mod frame;
 #[cfg(feature = "gpu")]

@@ -1,4 +1,5 @@
 //! The command line: what the user asks for, and with what exit code it ends.
+use crate::bench;
 use crate::commands;
 use crate::devices;
 use crate::fracture;
@@ -50,6 +51,8 @@ enum Command {
     Fracture(FractureArgs),
     /// Lists haptic devices, and what is missing for those that are not found
     Devices(DevicesArgs),
+    /// The paper's evaluation on this machine: a recorded split timed part by part, beside the paper and other methods
+    Bench(BenchArgs),
 }
 
 /// Arguments of `train`.
@@ -225,6 +228,41 @@ pub struct DevicesArgs {
     pub json: bool,
 }
 
+/// Arguments of `bench`.
+#[derive(Args)]
+pub struct BenchArgs {
+    /// Hands to replay: a recorded session; without it, the shipped split at the paper's size
+    #[arg(value_name = "SESSION.mcap")]
+    pub recording: Option<PathBuf>,
+    /// Nodes of the simulation mesh, if not those of the recording
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=200_000))]
+    pub nodes: Option<u32>,
+    /// Points on the bone's surface, likewise
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1000..=1_000_000))]
+    pub points: Option<u32>,
+    /// Plays no more than so many seconds of it
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub max_time: Option<f64>,
+    /// Prints one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+    /// Draws the paper's Figures 5 and 6 of a live session of the built-in surgeon into a folder, as SVG and PNG
+    #[arg(long, value_name = "DIR")]
+    pub figures: Option<PathBuf>,
+    /// Writes equations and chisels' poses for other programs into a folder (see benches/peers)
+    #[arg(long, value_name = "DIR")]
+    pub export: Option<PathBuf>,
+    /// Writes the recording's hands alone to a file, rounded: how the shipped split was made
+    #[arg(long, value_name = "FILE.mcap", hide = true, requires = "recording")]
+    pub trim: Option<PathBuf>,
+}
+
+/// Above 0, to an hour.
+fn seconds(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|s| *s > 0.0 && *s <= 3600.0);
+    number.ok_or_else(|| "give a time above 0 and up to 3600 s".to_owned())
+}
+
 /// How a session is driven.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Mode {
@@ -265,6 +303,7 @@ pub fn main() -> ExitCode {
         Command::Render(args) => render_command::render(&args),
         Command::Fracture(args) => fracture::fracture(&args),
         Command::Devices(args) => devices::devices(&args),
+        Command::Bench(args) => bench::bench(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

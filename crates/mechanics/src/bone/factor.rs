@@ -192,6 +192,11 @@ impl Factor {
         self.place.len()
     }
 
+    /// The unknowns in the order in which they were eliminated.
+    pub fn ordering(&self) -> &[u32] {
+        &self.unknown_at
+    }
+
     /// Number of values kept.
     pub fn n_values(&self) -> usize {
         self.values.len()

@@ -220,7 +220,15 @@ impl Depths {
 #[derive(Clone, Debug)]
 struct NearCells {
     cells: Vec<u32>,
-    stamps: Vec<u32>,
+    /// At a cell's number modulo their length, a cell and when it was last seen: of two cells at one place the earlier is forgotten
+    /// and may come twice.
+    seen: Vec<Seen>,
+    stamp: u32,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Seen {
+    cell: u32,
     stamp: u32,
 }
 
@@ -234,7 +242,7 @@ impl NearCells {
     fn with_capacity(n_cells: usize) -> Self {
         Self {
             cells: Vec::with_capacity(n_cells),
-            stamps: vec![0; n_cells],
+            seen: vec![Seen::default(); n_cells],
             stamp: 0,
         }
     }
@@ -243,18 +251,17 @@ impl NearCells {
     fn find(&mut self, shape: &RigidShape, world_from_shape: &Pose, volumes: &BoundingVolumes) {
         self.cells.clear();
         self.next_stamp();
-        let (cells, stamps, stamp) = (&mut self.cells, &mut self.stamps, self.stamp);
+        let (cells, places, stamp) = (&mut self.cells, &mut self.seen, self.stamp);
         let shape_from_world = world_from_shape.inverse();
         let margin = reach_beyond(shape);
         for slice in slices(&shape.bounds) {
             let query = slice.moved(world_from_shape).grown(margin.into());
             volumes.query(&query, |c, volume| {
-                let seen = stamps.get_mut(c as usize).is_none_or(|s| {
-                    let seen = *s == stamp;
-                    *s = stamp;
-                    seen
-                });
-                if seen || cells.len() == cells.capacity() {
+                let now = Seen { cell: c, stamp };
+                let place = c as usize % places.len().max(1);
+                let is_seen =
+                    (places.get_mut(place)).is_some_and(|last| std::mem::replace(last, now) == now);
+                if is_seen || cells.len() == cells.capacity() {
                     return;
                 }
                 let centre = shape_from_world * nalgebra::Point3::from(volume.centre());
@@ -266,12 +273,13 @@ impl NearCells {
             });
         }
         cells.sort_unstable();
+        cells.dedup();
     }
 
     fn next_stamp(&mut self) {
         self.stamp = self.stamp.wrapping_add(1);
         if self.stamp == 0 {
-            self.stamps.fill(0);
+            self.seen.fill(Seen::default());
             self.stamp = 1;
         }
     }

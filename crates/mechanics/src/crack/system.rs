@@ -177,6 +177,31 @@ impl System {
         BlockRow { row, blocks }
     }
 
+    /// What the factor was given at the last growth: `factor().grown(&rows)` of the system before gives this one's. Nothing if
+    /// there was no growth since the base was factored.
+    pub fn last_rows(&self) -> Vec<BorderRow> {
+        let rows = self.border.last().into_iter().flat_map(|b| b.iter());
+        rows.flat_map(|r| self.scalar_rows(r)).collect()
+    }
+
+    /// What the base was factored from, as [`Factor::new`] wants it: the stiffness with held unknowns decoupled, and where each
+    /// block acts. `topology` must be that of the base.
+    pub fn base(&self, mesh: &TetMesh, topology: &Topology) -> (BlockMatrix, Vec<Vec3>) {
+        let mut matrix = self.base.matrix.clone();
+        if !self.held.is_empty() {
+            matrix.decouple(|i| self.is_held(i));
+        }
+        let n_blocks = matrix.n_blocks();
+        let mut positions = vec![Vec3::zeros(); n_blocks];
+        let nodes = (0u32..).zip(&self.base.block_of_node);
+        let enriched = topology.enriched_nodes().iter().copied();
+        let blocks = nodes.chain(enriched.zip(&self.block_of_enrichment));
+        for (node, block) in blocks.filter(|(_, b)| (**b as usize) < n_blocks) {
+            positions[*block as usize] = mesh.nodes()[node as usize];
+        }
+        (matrix, positions)
+    }
+
     /// What the factor is given of a block row: held unknowns decoupled.
     fn scalar_rows(&self, row: &BlockRow) -> [BorderRow; 3] {
         let n_base = 3 * self.base.matrix.n_blocks() as u32;

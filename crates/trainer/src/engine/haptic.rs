@@ -81,24 +81,8 @@ impl Haptic {
         view: Subscribed<BoneView>,
         hands: Published<HandsView>,
     ) -> Result<Self> {
-        let limits = |i: usize| {
-            let t = &scenario.tool[i];
-            let limits = DeviceLimits {
-                force_scale: t.force_scale,
-                torque_scale: t.torque_scale,
-                max_force: t.limits.force,
-                max_torque: t.limits.torque,
-                max_force_rate: t.limits.force_rate,
-                max_torque_rate: t.limits.torque_rate,
-            };
-            limits.checked().with_context(|| format!("tool.{i}.limits"))
-        };
         Ok(Self {
-            model: HapticModel {
-                tools,
-                settings: SolveSettings::HAPTIC,
-                limits: [limits(0)?, limits(1)?],
-            },
+            model: haptic_model(scenario, tools)?,
             state: HapticState::new(start, n_ids, ScratchLimits::default()),
             bone: view,
             hands,
@@ -111,6 +95,30 @@ impl Haptic {
         wrench.force.norm() >= FULL * limits.max_force
             || wrench.torque.norm() >= FULL * limits.max_torque
     }
+}
+
+/// What is constant over all haptic steps of a scenario.
+///
+/// # Errors
+/// A limit of a device that the mechanics refuses.
+pub fn haptic_model(scenario: &Scenario, tools: ToolModel) -> Result<HapticModel> {
+    let limits = |i: usize| {
+        let t = &scenario.tool[i];
+        let limits = DeviceLimits {
+            force_scale: t.force_scale,
+            torque_scale: t.torque_scale,
+            max_force: t.limits.force,
+            max_torque: t.limits.torque,
+            max_force_rate: t.limits.force_rate,
+            max_torque_rate: t.limits.torque_rate,
+        };
+        limits.checked().with_context(|| format!("tool.{i}.limits"))
+    };
+    Ok(HapticModel {
+        tools,
+        settings: SolveSettings::HAPTIC,
+        limits: [limits(0)?, limits(1)?],
+    })
 }
 
 impl HapticPart for Haptic {

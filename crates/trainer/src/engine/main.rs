@@ -68,6 +68,11 @@ impl Main {
         }
     }
 
+    /// All that the main loop keeps of the bone: what tools see of it, and how it gives way.
+    pub fn whole_state(&self) -> &MainState {
+        &self.state
+    }
+
     /// Hands the new state to the other loops.
     fn publish(&mut self) {
         self.serial += 1;

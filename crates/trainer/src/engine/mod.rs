@@ -7,8 +7,8 @@ mod propagation;
 mod rebase;
 mod surroundings;
 
+pub use haptic::haptic_model;
 pub use prepare::{Prepared, prepare};
-#[cfg(test)]
 pub use propagation::cut_since;
 pub use surroundings::Surrounding;
 
@@ -19,6 +19,7 @@ use anyhow::{Context, Result};
 use haptic::BoneView;
 use osteotome_mechanics::contact::ContactLaw;
 use osteotome_mechanics::geometry::Pose;
+use osteotome_mechanics::step::Bone;
 use osteotome_mechanics::tool::{self, Chisel, ChiselParameters, Coupling, ToolModel, ToolsState};
 use std::sync::Arc;
 
@@ -37,9 +38,7 @@ struct HandsView {
 /// # Errors
 /// A number of the scenario that the mechanics refuses.
 pub fn connect(prepared: &Prepared, scenario: &Scenario, start: [Pose; 2]) -> Result<Engine> {
-    let mut tools = tool_model(scenario)?;
-    let fields = prepared.surroundings.iter().filter_map(|s| s.field.clone());
-    tools.surroundings = fields.collect();
+    let tools = tools_among(prepared, scenario)?;
     let bone = &prepared.bone;
     let state = bone.at_rest();
     let (bone_view_tx, bone_view_rx) = latest(&BoneView::new(bone, &state));
@@ -50,7 +49,7 @@ pub fn connect(prepared: &Prepared, scenario: &Scenario, start: [Pose; 2]) -> Re
     let (hands_tx, hands_rx) = latest(&at_start);
     let (state_tx, state_rx) = latest(&propagation::Loaded { serial: 0, state });
     let (bone_tx, bone_rx) = latest(&Arc::clone(bone));
-    let n_ids = bone.points.len() + (2.0 * CRACK_ROOM * bone.body.wall_density) as usize;
+    let n_ids = n_ids(bone);
     let ends = main::Ends {
         hands: hands_rx,
         grown: bone_rx,
@@ -71,8 +70,24 @@ pub fn connect(prepared: &Prepared, scenario: &Scenario, start: [Pose; 2]) -> Re
     })
 }
 
+/// Room for point ids on a bone and on the crack that will grow in it.
+pub fn n_ids(bone: &Bone) -> usize {
+    bone.points.len() + (2.0 * CRACK_ROOM * bone.body.wall_density) as usize
+}
+
 /// Room for points on both faces of the crack that will grow \[mm2 of crack\].
 const CRACK_ROOM: f64 = 6000.0;
+
+/// The tools with what stands still around the bone.
+///
+/// # Errors
+/// A number of the scenario that the mechanics refuses.
+pub fn tools_among(prepared: &Prepared, scenario: &Scenario) -> Result<ToolModel> {
+    let mut tools = tool_model(scenario)?;
+    let fields = prepared.surroundings.iter().filter_map(|s| s.field.clone());
+    tools.surroundings = fields.collect();
+    Ok(tools)
+}
 
 /// The bone as it ended.
 pub fn final_bone(engine: &Engine) -> FinalBone {
@@ -92,14 +107,22 @@ pub fn tool_model(scenario: &Scenario) -> Result<ToolModel> {
     })
 }
 
-/// Coupling stiffnesses and limits are the device's; seen from the bone they are larger by the scales.
-fn one_tool(t: &Tool) -> Result<tool::Tool> {
-    let chisel = Chisel::new(ChiselParameters {
+/// A tool's blade.
+///
+/// # Errors
+/// A size that the mechanics refuses.
+pub fn chisel(t: &Tool) -> Result<Chisel> {
+    Ok(Chisel::new(ChiselParameters {
         width: t.chisel.width,
         thickness: t.chisel.thickness,
         bevel_deg: t.chisel.bevel_deg,
         length: t.chisel.length,
-    })?;
+    })?)
+}
+
+/// Coupling stiffnesses and limits are the device's; seen from the bone they are larger by the scales.
+fn one_tool(t: &Tool) -> Result<tool::Tool> {
+    let chisel = chisel(t)?;
     let coupling = Coupling::new(
         t.coupling.linear_stiffness / t.force_scale,
         t.coupling.angular_stiffness / t.torque_scale,

@@ -28,6 +28,8 @@ pub struct Propagation {
     state: Subscribed<Loaded>,
     grown: Published<Arc<Bone>>,
     seen: u64,
+    /// How often the fronts were looked at.
+    n_looks: u64,
     /// Strain energy \[N mm\] at which the bone as it is was last found to rest.
     rested: Option<f64>,
     rebase: Rebase,
@@ -48,10 +50,16 @@ impl Propagation {
             state,
             grown,
             seen: 0,
+            n_looks: 0,
             rested: None,
             rebase: Rebase::default(),
             stuck: None,
         }
+    }
+
+    /// How many steps have looked at the crack fronts: all but those that had nothing new, or a load under which the crack rests.
+    pub fn n_looks(&self) -> u64 {
+        self.n_looks
     }
 
     /// The crack as it is, and what has been cut since `before`.
@@ -114,6 +122,7 @@ impl PropagationPart for Propagation {
             return Propagated::Checked;
         }
         self.rested = Some(energy);
+        self.n_looks += 1;
         match propagation_step(&self.bone, &loaded.state, &self.settings) {
             Ok((Some(mut next), report)) => {
                 self.rested = None;

@@ -98,7 +98,7 @@ pub fn lockstep<H: HapticPart, M: MainPart, P: PropagationPart>(
 }
 
 /// A result and how long it took \[us\].
-pub(super) fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
+pub(crate) fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
     let start = Instant::now();
     let result = work();
     (result, start.elapsed().as_secs_f64() * 1e6)

@@ -5,6 +5,7 @@ mod realtime;
 
 pub use exchange::{Control, Published, Subscribed, latest};
 pub use lockstep::lockstep;
+pub(crate) use lockstep::timed;
 pub use realtime::{realtime, realtime_under};
 
 use crate::input::Input;

@@ -199,6 +199,14 @@ impl Recording {
         let name = path.display();
         let bytes = std::fs::read(path)
             .map_err(|e| anyhow::anyhow!("{name}: {e}; give the path of a session.mcap"))?;
+        Self::parse(&name.to_string(), &bytes)
+    }
+
+    /// Reads what a file called `name` holds.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn parse(name: &str, bytes: &[u8]) -> Result<Self> {
         if !bytes.starts_with(mcap::MAGIC) {
             bail!("{name}: not an MCAP file; give the path of a session.mcap");
         }
@@ -210,8 +218,7 @@ impl Recording {
         } else {
             mcap::read::Options::IgnoreEndMagic.into()
         };
-        let stream =
-            mcap::MessageStream::new_with_options(&bytes, options).with_context(damaged)?;
+        let stream = mcap::MessageStream::new_with_options(bytes, options).with_context(damaged)?;
         let mut scenario = None;
         let mut hands = [vec![], vec![]];
         let (mut main, mut growth, mut bone) = (vec![], vec![], vec![]);

@@ -8,7 +8,7 @@ mod sample;
 
 pub use files::{CrackMesh, FinalBone, VtuWriter, write_crack, write_final_bone};
 pub use folder::{Mark, SESSION, SessionFolder};
-pub use mcap_file::{Recording, ScenarioMessage};
+pub use mcap_file::{Recording, RecordingWriter, ScenarioMessage};
 pub use metrics::{LoopFigures, Metrics, MetricsDocument, Outcome, Pace};
 pub use recorder::Recorder;
 pub use sample::{
