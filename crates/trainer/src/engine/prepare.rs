@@ -52,7 +52,8 @@ const OUTSIDE: f64 = 2.0;
 pub fn prepare(s: &Scenario, progress: &mut dyn FnMut(&str, f64)) -> Result<Prepared> {
     let mut patient = Patient::build(&patient_spec(s), progress)?;
     let marks = (patient.osteotomy.parts.iter()).flat_map(|p| p.points.iter().map(|m| m.at));
-    let surroundings = surroundings(&s.patient.context, marks, &mut patient.notes)?;
+    let came_with = std::mem::take(&mut patient.context);
+    let surroundings = surroundings(&s.patient.context, came_with, marks, &mut patient.notes)?;
     let line = split_line(&patient.osteotomy)?;
     let body = body(s, &patient);
     let cuts = saw_cuts(&patient, body.lengths.overshoot());
@@ -73,9 +74,10 @@ fn patient_spec(s: &Scenario) -> PatientSpec {
         toughness: m.toughness,
     };
     PatientSpec {
-        surface: match (&s.patient.surface, &s.patient.parametric) {
-            (Some(path), _) => SurfaceSource::File(path.clone()),
-            (None, sizes) => {
+        surface: match (&s.patient.surface, &s.patient.directory, &s.patient.parametric) {
+            (Some(path), _, _) => SurfaceSource::File(path.clone()),
+            (None, Some(path), _) => SurfaceSource::Folder(path.clone()),
+            (None, None, sizes) => {
                 let sizes = sizes.clone().unwrap_or_default();
                 SurfaceSource::Parametric(Parameters {
                     scale: sizes.scale,

@@ -82,7 +82,7 @@ pub struct Patient {
     /// The built-in mandible, scaled.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub parametric: Option<Parametric>,
-    /// A prepared patient.
+    /// A patient's folder that `prepare` made; without `mesh.nodes` its own mesh is used.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub directory: Option<PathBuf>,
     /// A closed surface.
@@ -100,7 +100,7 @@ pub struct Patient {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Context {
-    /// An STL file.
+    /// An STL, PLY or OBJ file.
     pub surface: PathBuf,
     /// What it is: maxilla, teeth, skull, soft tissue, retractor.
     #[serde(default = "anything")]
