@@ -2,7 +2,7 @@
 //!
 //! Isosurface stuffing puts nodes on the surface, so that flat faces between them cut corners off. Here boundary nodes move to
 //! where the faces lie nearest to the surface in the mean, both ways: least squares over points of the faces and of the surface,
-//! node by node, a few times. A move that spoils an angle is halved, and given up in the end.
+//! node by node, a few times, the volume kept. A move that spoils an angle is halved, and given up in the end.
 use crate::deviation::boundary;
 use crate::error::AnatomyError;
 use crate::mesher::dihedrals;
@@ -115,7 +115,14 @@ impl<'a> Fit<'a> {
         for (t, w, pull) in inward.iter().flatten() {
             sums.add(&faces[*t as usize], w, share, pull);
         }
-        self.followed(sums.means())
+        let mut moves = sums.means();
+        // Chords of a coarse mesh lose volume at convex places: as much is added all over.
+        let missing = surface.mesh().volume() - current.mesh().volume();
+        let shift = DAMPING * missing / current.mesh().area();
+        for (n, normal) in current.vertex_normals().iter().enumerate() {
+            moves[n] += normal * shift;
+        }
+        self.followed(moves)
     }
 
     /// Inner nodes go along with their neighbours.

@@ -148,14 +148,14 @@ pub fn look(mesh: &TriMesh, name: &str) -> Result<JawFrame, AnatomyError> {
             mend,
         });
     }
-    JawFrame::find(mesh, name).or_else(|error| {
+    upright(mesh, name).or_else(|error| {
         for letters in ["RAS", "LSA", "RSP", "LAI", "RPI", "LIP", "PSL", "ASR", "SLP", "SRA"] {
             let mut turned = mesh.clone();
             let Ok(axes) = letters.parse::<Axes>() else {
                 continue;
             };
             axes.apply(Unit::Mm, &mut turned);
-            if JawFrame::find(&turned, name).is_ok() {
+            if upright(&turned, name).is_ok() {
                 return Err(AnatomyError::Axes {
                     name: name.to_owned(),
                     letters,
@@ -164,6 +164,29 @@ pub fn look(mesh: &TriMesh, name: &str) -> Result<JawFrame, AnatomyError> {
         }
         Err(error)
     })
+}
+
+/// The frame of a mandible that does not stand on its head: the front is lower than the back.
+fn upright(mesh: &TriMesh, name: &str) -> Result<JawFrame, AnatomyError> {
+    let frame = JawFrame::find(mesh, name)?;
+    let bounds = mesh.bounds();
+    let front = bounds.min.y + 0.25 * bounds.extent().y;
+    let (mut sum, mut area) = (0.0, 0.0);
+    for t in 0..mesh.triangles.len() {
+        let centre = mesh.corners(t).iter().sum::<Vec3>() / 3.0;
+        if centre.y < front {
+            let size = mesh.area_normal(t).norm();
+            sum += size * centre.z;
+            area += size;
+        }
+    }
+    if sum > area * bounds.centre().z {
+        return Err(AnatomyError::NotAMandible {
+            name: name.to_owned(),
+            reason: "its front lies above the middle of its height".to_owned(),
+        });
+    }
+    Ok(frame)
 }
 
 #[cfg(test)]

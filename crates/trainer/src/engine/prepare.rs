@@ -5,7 +5,7 @@ use crate::surgeon::{Mark, SplitLine};
 use anyhow::{Context, Result, anyhow};
 use osteotome_anatomy::osteotomy::PointSpec;
 use osteotome_anatomy::{
-    MaterialSpec, MeshSource, Osteotomy, OsteotomySource, Parameters, PartKind, Patient,
+    MaterialSpec, MeshSource, Osteotomy, OsteotomySource, PartKind, Patient,
     PatientSpec, Side, SurfacePoint, SurfaceSource, Tissue,
 };
 use osteotome_mechanics::bone::Supports;
@@ -77,14 +77,7 @@ fn patient_spec(s: &Scenario) -> PatientSpec {
         surface: match (&s.patient.surface, &s.patient.directory, &s.patient.parametric) {
             (Some(path), _, _) => SurfaceSource::File(path.clone()),
             (None, Some(path), _) => SurfaceSource::Folder(path.clone()),
-            (None, None, sizes) => {
-                let sizes = sizes.clone().unwrap_or_default();
-                SurfaceSource::Parametric(Parameters {
-                    scale: sizes.scale,
-                    gonial_angle: sizes.gonial_angle,
-                    ..Parameters::default()
-                })
-            }
+            (None, None, sizes) => SurfaceSource::Parametric(sizes.unwrap_or_default()),
         },
         mesh: match &s.mesh.file {
             Some(path) => MeshSource::File(path.clone()),

@@ -266,13 +266,11 @@ impl<P: Fn(&str) -> String> Checks<'_, P> {
         ];
         self.one_of("patient", &given)?;
         if let Some(sizes) = &p.parametric {
-            self.range("patient.parametric.scale", sizes.scale, 0.7, 1.3)?;
-            self.range(
-                "patient.parametric.gonial_angle",
-                sizes.gonial_angle,
-                110.0,
-                140.0,
-            )?;
+            sizes.check().map_err(|e| {
+                let text = e.to_string();
+                let key = text.split(' ').next().unwrap_or("patient.parametric");
+                anyhow!("{}: {text}", (self.place)(key))
+            })?;
         }
         if let Some(folder) = &p.directory {
             read_manifest(folder).map_err(|e| anyhow!("{}: {e}", (self.place)("patient.directory")))?;
