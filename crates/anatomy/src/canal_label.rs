@@ -94,12 +94,17 @@ impl Cloud {
             .collect();
         let near = |i: usize| {
             let at = volume.index(i);
-            (0..27).filter_map(|c| {
-                let to = [at[0] + c % 3, at[1] + c / 3 % 3, at[2] + c / 9];
-                let to = [to[0].checked_sub(1)?, to[1].checked_sub(1)?, to[2].checked_sub(1)?];
-                number.get(&to).copied().filter(|_| to != at)
-            })
-            .collect::<Vec<u32>>()
+            (0..27)
+                .filter_map(|c| {
+                    let to = [at[0] + c % 3, at[1] + c / 3 % 3, at[2] + c / 9];
+                    let to = [
+                        to[0].checked_sub(1)?,
+                        to[1].checked_sub(1)?,
+                        to[2].checked_sub(1)?,
+                    ];
+                    number.get(&to).copied().filter(|_| to != at)
+                })
+                .collect::<Vec<u32>>()
         };
         let neighbours = voxels.iter().map(|i| near(*i)).collect();
         let mut cloud = Self { places, neighbours };

@@ -58,11 +58,18 @@ impl Diagnosis {
         let count = |n: usize, what: &str| (n > 0).then(|| format!("{n} {what}"));
         let faults = [
             count(self.open_edges, "open edges"),
-            count(self.non_manifold_edges, "edges with more than two triangles"),
-            count(self.misoriented_edges, "edges whose triangles face opposite ways"),
+            count(
+                self.non_manifold_edges,
+                "edges with more than two triangles",
+            ),
+            count(
+                self.misoriented_edges,
+                "edges whose triangles face opposite ways",
+            ),
             count(self.self_intersections, "triangles cut by others"),
             count(usize::from(self.n_pieces > 1) * self.n_pieces, "pieces"),
-            self.inside_out.then(|| "normals that point inward".to_owned()),
+            self.inside_out
+                .then(|| "normals that point inward".to_owned()),
         ];
         faults.into_iter().flatten().collect()
     }

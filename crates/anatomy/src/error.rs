@@ -133,7 +133,9 @@ pub enum AnatomyError {
         mend: String,
     },
     /// The axes are others than those claimed.
-    #[error("{name} lies as a mandible does not lie in LPS (x left, y posterior, z superior), but would in {letters}; say --axes {letters}")]
+    #[error(
+        "{name} lies as a mandible does not lie in LPS (x left, y posterior, z superior), but would in {letters}; say --axes {letters}"
+    )]
     Axes {
         /// Which surface.
         name: String,

@@ -57,10 +57,7 @@ impl<'a> Fit<'a> {
         }
         let limit = |t: usize| {
             let [low, high] = dihedrals(&mesh.corners(t));
-            [
-                low.min(LEAST_ANGLE),
-                high.max(180.0 - 1.6 * LEAST_ANGLE),
-            ]
+            [low.min(LEAST_ANGLE), high.max(180.0 - 1.6 * LEAST_ANGLE)]
         };
         Self {
             mesh,

@@ -35,7 +35,11 @@ pub fn read_shape(path: &Path) -> Result<Shape, AnatomyError> {
     let name = path.display().to_string();
     let beginning = beginning(path)?;
     if let Some((what, mend)) = foreign(&beginning) {
-        return Err(AnatomyError::Foreign { path: name, what, mend });
+        return Err(AnatomyError::Foreign {
+            path: name,
+            what,
+            mend,
+        });
     }
     let lower = name.to_lowercase();
     let ends = |ending: &str| lower.ends_with(ending);
@@ -88,7 +92,10 @@ fn foreign(beginning: &[u8]) -> Option<(&'static str, &'static str)> {
     let known: [(&[u8], &'static str); 6] = [
         (b"\x89PNG", "a PNG picture"),
         (b"\xff\xd8\xff", "a JPEG picture"),
-        (b"PK\x03\x04", "a ZIP archive (3MF and numpy's .npz are such)"),
+        (
+            b"PK\x03\x04",
+            "a ZIP archive (3MF and numpy's .npz are such)",
+        ),
         (b"%PDF", "a PDF document"),
         (b"glTF", "a glTF scene"),
         (b"\x89HDF", "an HDF5 file"),

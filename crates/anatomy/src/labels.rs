@@ -129,9 +129,7 @@ impl Sample {
 
 /// Refuses a volume beyond [`MAX_VOXELS`].
 pub(crate) fn check_size(size: &[usize; 3], name: &str) -> Result<(), AnatomyError> {
-    let n = size
-        .iter()
-        .fold(1u64, |n, s| n.saturating_mul(*s as u64));
+    let n = size.iter().fold(1u64, |n, s| n.saturating_mul(*s as u64));
     if n > MAX_VOXELS {
         return Err(AnatomyError::TooLarge {
             what: format!("{name} (voxels)"),
@@ -201,7 +199,10 @@ impl LabelVolume {
                     std::io::ErrorKind::UnexpectedEof => "the file is truncated".to_owned(),
                     _ => e.to_string(),
                 };
-                format!("{n} voxels are announced, but only {} can be read: {what}", voxels.len())
+                format!(
+                    "{n} voxels are announced, but only {} can be read: {what}",
+                    voxels.len()
+                )
             })?;
             for bytes in row.chunks_exact(width) {
                 let value = scale[0] * sample.value(bytes, is_big) + scale[1];
@@ -275,7 +276,9 @@ impl LabelVolume {
     /// [`AnatomyError::TooLarge`] if the part of the volume that they take is beyond the limits.
     pub fn field(&self, labels: &[u8], name: &str) -> Result<Option<LabelField>, AnatomyError> {
         let mut of_interest = [false; 256];
-        labels.iter().for_each(|l| of_interest[usize::from(*l)] = true);
+        labels
+            .iter()
+            .for_each(|l| of_interest[usize::from(*l)] = true);
         let is_in = |i: usize| of_interest[usize::from(self.voxels[i])];
         self.mask_field(&is_in, name)
     }
@@ -356,9 +359,7 @@ impl LabelField {
         let mut sorted: Vec<f32> = values.iter().copied().filter(|v| *v > 0.05).collect();
         // As many voxels lie above the level as had the label.
         let level = if sorted.len() > n {
-            *sorted
-                .select_nth_unstable_by(n, |a, b| b.total_cmp(a))
-                .1
+            *sorted.select_nth_unstable_by(n, |a, b| b.total_cmp(a)).1
         } else {
             0.5
         };

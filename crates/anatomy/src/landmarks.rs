@@ -77,7 +77,11 @@ impl From<&SideLandmarks> for SideFile {
             sigmoid_notch: s.sigmoid_notch.into(),
             gonion: s.gonion.into(),
             lingula: s.lingula.into(),
-            external_oblique_ridge: s.external_oblique_ridge.iter().map(|p| (*p).into()).collect(),
+            external_oblique_ridge: s
+                .external_oblique_ridge
+                .iter()
+                .map(|p| (*p).into())
+                .collect(),
             second_molar_buccal: s.second_molar_buccal.into(),
             lower_border: s.lower_border.into(),
         }
@@ -93,7 +97,11 @@ impl From<&SideFile> for SideLandmarks {
             sigmoid_notch: s.sigmoid_notch.into(),
             gonion: s.gonion.into(),
             lingula: s.lingula.into(),
-            external_oblique_ridge: s.external_oblique_ridge.iter().map(|p| (*p).into()).collect(),
+            external_oblique_ridge: s
+                .external_oblique_ridge
+                .iter()
+                .map(|p| (*p).into())
+                .collect(),
             second_molar_buccal: s.second_molar_buccal.into(),
             lower_border: s.lower_border.into(),
         }

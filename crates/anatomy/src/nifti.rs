@@ -77,7 +77,11 @@ impl Header {
             b"ni1" | b"ni2" => {
                 return Err("header and voxels are in two files; save it as one .nii".to_owned());
             }
-            _ => return Err("it lacks NIfTI's magic \"n+1\" (Analyze 7.5 cannot be used)".to_owned()),
+            _ => {
+                return Err(
+                    "it lacks NIfTI's magic \"n+1\" (Analyze 7.5 cannot be used)".to_owned(),
+                );
+            }
         }
         Ok(Self {
             bytes,
@@ -184,9 +188,21 @@ impl Header {
             let [b, c, d] = [0, 1, 2].map(|k| self.real(256, 352, k));
             let a = (1.0 - b * b - c * c - d * d).max(0.0).sqrt();
             let turn = [
-                [a * a + b * b - c * c - d * d, 2.0 * (b * c - a * d), 2.0 * (b * d + a * c)],
-                [2.0 * (b * c + a * d), a * a + c * c - b * b - d * d, 2.0 * (c * d - a * b)],
-                [2.0 * (b * d - a * c), 2.0 * (c * d + a * b), a * a + d * d - b * b - c * c],
+                [
+                    a * a + b * b - c * c - d * d,
+                    2.0 * (b * c - a * d),
+                    2.0 * (b * d + a * c),
+                ],
+                [
+                    2.0 * (b * c + a * d),
+                    a * a + c * c - b * b - d * d,
+                    2.0 * (c * d - a * b),
+                ],
+                [
+                    2.0 * (b * d - a * c),
+                    2.0 * (c * d + a * b),
+                    a * a + d * d - b * b - c * c,
+                ],
             ];
             let handed = if pixdim(0) < 0.0 { -1.0 } else { 1.0 };
             [0, 1, 2].map(|r| {

@@ -165,7 +165,11 @@ impl Header {
             "left-posterior-superior" | "lps" => [1.0, 1.0, 1.0],
             "right-anterior-superior" | "ras" => [-1.0, -1.0, 1.0],
             "left-anterior-superior" | "las" => [1.0, -1.0, 1.0],
-            other => return Err(format!("the space \"{other}\" is not known; use LPS or RAS")),
+            other => {
+                return Err(format!(
+                    "the space \"{other}\" is not known; use LPS or RAS"
+                ));
+            }
         };
         let directions = vectors(self.need("space directions")?)?;
         let origin = vectors(self.need("space origin")?)?;

@@ -13,10 +13,7 @@ const MAX_BYTES: u64 = 4 << 30;
 /// # Errors
 /// [`AnatomyError`] for a file that is missing, too large, or not of this form.
 pub fn read_obj(path: &Path) -> Result<TriMesh, AnatomyError> {
-    parse_obj(
-        &read_limited(path, MAX_BYTES)?,
-        &path.display().to_string(),
-    )
+    parse_obj(&read_limited(path, MAX_BYTES)?, &path.display().to_string())
 }
 
 /// Parses OBJ from memory; `name` is for error texts.
@@ -106,7 +103,11 @@ mod tests {
 
     #[test]
     fn faults_are_told_in_one_line() {
-        let refusal = |text: &str| parse_obj(text.as_bytes(), "jaw.obj").unwrap_err().to_string();
+        let refusal = |text: &str| {
+            parse_obj(text.as_bytes(), "jaw.obj")
+                .unwrap_err()
+                .to_string()
+        };
         let good = text(&tetrahedron(), false);
         assert!(refusal(&good.replace("f 2", "f 0")).contains("line 7: \"0\" is no vertex"));
         assert!(refusal(&good.replace("f 2", "f 99")).contains("names vertex 98"));

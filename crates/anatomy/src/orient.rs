@@ -149,7 +149,9 @@ pub fn look(mesh: &TriMesh, name: &str) -> Result<JawFrame, AnatomyError> {
         });
     }
     upright(mesh, name).or_else(|error| {
-        for letters in ["RAS", "LSA", "RSP", "LAI", "RPI", "LIP", "PSL", "ASR", "SLP", "SRA"] {
+        for letters in [
+            "RAS", "LSA", "RSP", "LAI", "RPI", "LIP", "PSL", "ASR", "SLP", "SRA",
+        ] {
             let mut turned = mesh.clone();
             let Ok(axes) = letters.parse::<Axes>() else {
                 continue;
@@ -196,7 +198,11 @@ mod tests {
     use crate::parametric::{Parameters, ParametricMandible};
 
     fn jaw() -> TriMesh {
-        contour(&ParametricMandible::new(Parameters::default()).unwrap(), 3.0).unwrap()
+        contour(
+            &ParametricMandible::new(Parameters::default()).unwrap(),
+            3.0,
+        )
+        .unwrap()
     }
 
     #[test]
@@ -229,7 +235,12 @@ mod tests {
     #[test]
     fn letters_are_checked() {
         for wrong in ["LP", "LLS", "XYZ", "LPSX"] {
-            assert!(wrong.parse::<Axes>().unwrap_err().contains("like LPS or RAS"));
+            assert!(
+                wrong
+                    .parse::<Axes>()
+                    .unwrap_err()
+                    .contains("like LPS or RAS")
+            );
         }
         let mirrored: Axes = "RPS".parse().unwrap();
         let mut mesh = jaw();

@@ -1,6 +1,8 @@
 //! A patient: everything about one jaw that the simulation starts from.
 use crate::canal::{Canal, read_canal};
 use crate::error::AnatomyError;
+use crate::folder::PatientFolder;
+use crate::input::read_surface;
 use crate::landmarks::{JawFrame, Landmarks};
 use crate::materials::MaterialSpec;
 use crate::mesher::{self, Body};
@@ -8,8 +10,6 @@ use crate::msh::read_msh;
 use crate::osteotomy::{DEFAULT_KERF, Osteotomy, PointSpec, Side, read_osteotomy};
 use crate::parametric::{Parameters, ParametricMandible};
 use crate::point_shell::{SurfacePoint, point_shell, toothed_point_shell};
-use crate::folder::PatientFolder;
-use crate::input::read_surface;
 use crate::surface::ClosedSurface;
 use crate::teeth::{Crown, ScannedTooth, Tooth, ToothBody};
 use osteotome_mechanics::bone::TetMaterial;
@@ -306,7 +306,10 @@ impl SurfaceSource {
 
 impl Bone {
     /// The teeth that are known, as seen and as bodies.
-    fn teeth(&self, surface: &MeshDistance) -> Result<Vec<(Tooth, Box<dyn ToothBody>)>, AnatomyError> {
+    fn teeth(
+        &self,
+        surface: &MeshDistance,
+    ) -> Result<Vec<(Tooth, Box<dyn ToothBody>)>, AnatomyError> {
         let crown = |c: &Crown| {
             let tooth = Tooth {
                 fdi: c.kind.fdi(c.is_left),

@@ -16,10 +16,7 @@ const MAX_CORNERS: u64 = 1_000;
 /// # Errors
 /// [`AnatomyError`] for a file that is missing, truncated, too large, or not of this form.
 pub fn read_ply(path: &Path) -> Result<TriMesh, AnatomyError> {
-    parse_ply(
-        &read_limited(path, MAX_BYTES)?,
-        &path.display().to_string(),
-    )
+    parse_ply(&read_limited(path, MAX_BYTES)?, &path.display().to_string())
 }
 
 /// Parses PLY from memory; `name` is for error texts.
@@ -164,7 +161,12 @@ impl Header {
                     properties: Vec::new(),
                 }),
                 ["property", "list", count, kind, name] => {
-                    push(&mut elements, name, Kind::named(kind)?, Some(Kind::named(count)?))?;
+                    push(
+                        &mut elements,
+                        name,
+                        Kind::named(kind)?,
+                        Some(Kind::named(count)?),
+                    )?;
                 }
                 ["property", kind, name] => {
                     push(&mut elements, name, Kind::named(kind)?, None)?;
@@ -208,7 +210,9 @@ impl Numbers<'_> {
             }
             self.pos += skip + n;
             let text = String::from_utf8_lossy(&word[..n.min(40)]);
-            return text.parse().map_err(|_| format!("\"{text}\" is not a number"));
+            return text
+                .parse()
+                .map_err(|_| format!("\"{text}\" is not a number"));
         }
         let width = kind.width();
         let bytes = self.bytes.get(self.pos..self.pos + width).ok_or(SHORT)?;
@@ -246,7 +250,9 @@ impl Element {
         let limit = MAX_TRIANGLES as u64;
         if (is_vertex || is_face) && self.count > limit {
             let (n, name) = (self.count, &self.name);
-            return Err(format!("{n} elements \"{name}\"; at most {limit} can be used"));
+            return Err(format!(
+                "{n} elements \"{name}\"; at most {limit} can be used"
+            ));
         }
         if self.properties.is_empty() {
             return Ok(());
@@ -276,7 +282,8 @@ impl Element {
                 }
             }
             if let (true, [Some(x), Some(y), Some(z)]) = (is_vertex, xyz) {
-                mesh.vertices.push(Vec3::new(values[x], values[y], values[z]));
+                mesh.vertices
+                    .push(Vec3::new(values[x], values[y], values[z]));
             }
         }
         Ok(())
@@ -377,7 +384,10 @@ mod tests {
         let good = text(&tetrahedron());
         assert!(refusal(good.replace("3 1 2 3", "3 1 2 9").as_bytes()).contains("names vertex 9"));
         assert!(refusal(good.replace("10 0 0 7", "10 x 0 7").as_bytes()).contains("not a number"));
-        assert!(refusal(good.replace("10 0 0 7", "nan 0 0 7").as_bytes()).contains("not a finite number"));
+        assert!(
+            refusal(good.replace("10 0 0 7", "nan 0 0 7").as_bytes())
+                .contains("not a finite number")
+        );
         let huge = good.replace("element vertex 4", "element vertex 4000000000");
         assert!(refusal(huge.as_bytes()).contains("at most"));
     }

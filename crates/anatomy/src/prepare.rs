@@ -5,9 +5,7 @@ use crate::deviation::Deviation;
 use crate::diagnosis::{Diagnosis, closed_contour, solidify};
 use crate::error::AnatomyError;
 use crate::fit::fit;
-use crate::folder::{
-    DEVIATION_AIM, InputFile, MeshFigures, PatientFolder, VOLUME_TOLERANCE,
-};
+use crate::folder::{DEVIATION_AIM, InputFile, MeshFigures, PatientFolder, VOLUME_TOLERANCE};
 use crate::input::{Shape, read_shape, read_surface};
 use crate::labels::LabelVolume;
 use crate::landmarks::{JawFrame, read_landmarks};
@@ -170,7 +168,10 @@ pub fn prepare(
         (_, nodes) => {
             let target = nodes.unwrap_or(DEFAULT_NODES);
             let mut inner = |f: f64| progress("meshing", 0.2 + 0.6 * f);
-            (make_mesh(&distance, &raw.frame, target, &mut inner)?, target)
+            (
+                make_mesh(&distance, &raw.frame, target, &mut inner)?,
+                target,
+            )
         }
     };
     progress("measuring", 0.85);
@@ -359,9 +360,9 @@ impl PrepareSpec {
             let v = volume.voxels[i];
             v == l.mandible || v == l.canal || rooted.contains(&(i as u32))
         };
-        let field = volume.mask_field(&is_bone, name)?.ok_or_else(|| {
-            no_mandible(&counts, l.mandible, name)
-        })?;
+        let field = volume
+            .mask_field(&is_bone, name)?
+            .ok_or_else(|| no_mandible(&counts, l.mandible, name))?;
         let spacing = (1.5 * field.edges().mean()).clamp(0.5, 1.5);
         let surface = closed_contour(&field, spacing, name)?;
         let frame = look(&surface.mesh, name)?;
@@ -384,8 +385,7 @@ impl PrepareSpec {
         }
         let around = raw.surface.bounds().grown(CONTEXT_REACH);
         for (label, role) in [(l.maxilla, "maxilla"), (l.upper_teeth, "upper teeth")] {
-            let is_near =
-                |i: usize| volume.voxels[i] == label && around.contains(&volume.place(i));
+            let is_near = |i: usize| volume.voxels[i] == label && around.contains(&volume.place(i));
             if let Some(field) = volume.mask_field(&is_near, name)? {
                 let mesh = mesher::contour(&field, CONTEXT_SPACING)?;
                 raw.context.push((role.to_owned(), mesh));
@@ -545,7 +545,8 @@ fn add_teeth(raw: &mut Raw, mesh: TriMesh, name: &str) -> Result<(), AnatomyErro
         }
         let (surface, _, mending) = mended(piece, name, &mut |_| {})?;
         if mending.is_some() {
-            raw.notes.push(format!("{name}: a tooth's surface was mended"));
+            raw.notes
+                .push(format!("{name}: a tooth's surface was mended"));
         }
         raw.teeth.push(Tooth {
             fdi: 0,

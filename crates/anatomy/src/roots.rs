@@ -10,7 +10,11 @@ pub fn in_sockets(volume: &LabelVolume, bone: u8, tooth: u8) -> FxHashSet<u32> {
     let strides = [1, volume.size[0], volume.size[0] * volume.size[1]];
     let meets = |i: usize, axis: usize, is_up: bool| {
         let at = volume.index(i)[axis];
-        let room = if is_up { volume.size[axis] - 1 - at } else { at };
+        let room = if is_up {
+            volume.size[axis] - 1 - at
+        } else {
+            at
+        };
         let reach = ((REACH / edges[axis]) as usize).min(room);
         (1..=reach).any(|k| {
             let j = if is_up {

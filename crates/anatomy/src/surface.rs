@@ -138,7 +138,12 @@ fn largest_piece(mesh: TriMesh) -> (TriMesh, usize) {
         let [a, b, c] = mesh.corners(t);
         volumes[*piece as usize] += a.dot(&b.cross(&c));
     }
-    let larger = |a: &usize, b: &usize| volumes[*a].abs().total_cmp(&volumes[*b].abs()).then(b.cmp(a));
+    let larger = |a: &usize, b: &usize| {
+        volumes[*a]
+            .abs()
+            .total_cmp(&volumes[*b].abs())
+            .then(b.cmp(a))
+    };
     let Some(keep) = (0..n).max_by(larger) else {
         return (mesh, 0);
     };
@@ -180,7 +185,11 @@ fn pieces(mesh: &TriMesh) -> Vec<u32> {
             parent[a.max(b) as usize] = a.min(b);
         }
     }
-    let roots: Vec<u32> = mesh.triangles.iter().map(|t| root(&mut parent, t[0])).collect();
+    let roots: Vec<u32> = mesh
+        .triangles
+        .iter()
+        .map(|t| root(&mut parent, t[0]))
+        .collect();
     let mut names = roots.clone();
     names.sort_unstable();
     names.dedup();

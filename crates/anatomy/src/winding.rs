@@ -174,7 +174,9 @@ fn node(mesh: &TriMesh, centres: &[Vec3], order: &[u32], start: u32) -> Node {
     } else {
         bounds.centre()
     };
-    let reach = (centre - bounds.min).abs().sup(&(bounds.max - centre).abs());
+    let reach = (centre - bounds.min)
+        .abs()
+        .sup(&(bounds.max - centre).abs());
     Node {
         bounds,
         centre,

@@ -75,7 +75,10 @@ fn examples() -> Vec<(&'static str, Vec<u8>)> {
         solid += "endloop\nendfacet\n";
     }
     solid += "endsolid a\n";
-    let mut msh = format!("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{}\n", block().nodes().len());
+    let mut msh = format!(
+        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{}\n",
+        block().nodes().len()
+    );
     for (i, p) in block().nodes().iter().enumerate() {
         msh += &format!("{} {} {} {}\n", i + 1, p.x, p.y, p.z);
     }
@@ -175,8 +178,16 @@ fn files_of_other_kinds_are_named() {
     let mut dicom = vec![0u8; 200];
     dicom[128..132].copy_from_slice(b"DICM");
     for (name, bytes, part) in [
-        ("jaw.stl", &b"\x89PNG\r\n\x1a\n"[..], "is a PNG picture; give STL"),
-        ("jaw.dcm", &dicom[..], "is a DICOM file, which cannot be read; give the segmentation converted"),
+        (
+            "jaw.stl",
+            &b"\x89PNG\r\n\x1a\n"[..],
+            "is a PNG picture; give STL",
+        ),
+        (
+            "jaw.dcm",
+            &dicom[..],
+            "is a DICOM file, which cannot be read; give the segmentation converted",
+        ),
         ("jaw.ply", b"PK\x03\x04...", "ZIP archive"),
         ("jaw.step", b"ISO-10303-21;", "no known ending; give STL"),
         ("jaw.stl", b"", "0 bytes are too few"),

@@ -39,7 +39,11 @@ fn voxelised() -> Voxels {
         let at = [i % size[0], i / size[0] % size[1], i / (size[0] * size[1])];
         let p = bounds.min + Vec3::from(at.map(|k| k as f64)) * SPACING;
         let bone = mandible.signed(&p);
-        if bone < 0.0 && canals.iter().any(|c| distance_to_line(&p, &c.line) < c.radius) {
+        if bone < 0.0
+            && canals
+                .iter()
+                .any(|c| distance_to_line(&p, &c.line) < c.radius)
+        {
             return 5;
         }
         // As segmentations have it, the tooth goes before the bone.
@@ -155,9 +159,15 @@ fn every_form_gives_the_same_bone() {
         ("raw.nrrd", with(nrrd(&v, "LPS", "raw", ""), &v.labels)),
         (
             "gz.nrrd",
-            with(nrrd(&v, "right-anterior-superior", "gzip", ""), &gzip(&v.labels)),
+            with(
+                nrrd(&v, "right-anterior-superior", "gzip", ""),
+                &gzip(&v.labels),
+            ),
         ),
-        ("apart.nhdr", nrrd(&v, "LPS", "gzip", "data file: voxels.raw.gz\n")),
+        (
+            "apart.nhdr",
+            nrrd(&v, "LPS", "gzip", "data file: voxels.raw.gz\n"),
+        ),
     ];
     for (name, bytes) in &forms {
         let volume = read(&put(base.path(), name, bytes));
@@ -182,13 +192,20 @@ fn makes_a_patient(path: &Path, v: &Voxels) {
     let mandible = ParametricMandible::new(Parameters::default()).unwrap();
     // The bone's voxels, canal and teeth's stumps in the bone included.
     let in_bone = |i: &usize| {
-        let at = [i % v.size[0], i / v.size[0] % v.size[1], i / (v.size[0] * v.size[1])];
+        let at = [
+            i % v.size[0],
+            i / v.size[0] % v.size[1],
+            i / (v.size[0] * v.size[1]),
+        ];
         mandible.signed(&(v.origin + Vec3::from(at.map(|k| k as f64)) * SPACING)) < 0.0
     };
     let n = (0..v.labels.len()).filter(in_bone).count();
     let want = n as f64 * SPACING.powi(3);
     let volume = patient.surface.volume();
-    assert!((volume / want - 1.0).abs() < 0.02, "{volume} instead of {want}");
+    assert!(
+        (volume / want - 1.0).abs() < 0.02,
+        "{volume} instead of {want}"
+    );
     let off: Vec<f64> = patient
         .surface
         .vertices
@@ -203,7 +220,11 @@ fn makes_a_patient(path: &Path, v: &Voxels) {
         let inner = &found.line[1..found.line.len() - 1];
         let far = inner.iter().map(|p| distance_to_line(p, &made.line));
         assert!(far.fold(0.0, f64::max) < 0.8);
-        assert!((found.radius / made.radius - 1.0).abs() < 0.2, "{}", found.radius);
+        assert!(
+            (found.radius / made.radius - 1.0).abs() < 0.2,
+            "{}",
+            found.radius
+        );
         let runs_the_same_way = (found.line[0] - made.line[0]).norm();
         assert!(runs_the_same_way < 5.0, "{runs_the_same_way}");
     }
@@ -221,7 +242,9 @@ fn refuses(folder: &Path, v: &Voxels) {
             Err(error) => error.to_string(),
         };
         assert!(!text.contains('\n'), "{text}");
-        parts.iter().for_each(|p| assert!(text.contains(p), "{name}: {text}"));
+        parts
+            .iter()
+            .for_each(|p| assert!(text.contains(p), "{name}: {text}"));
     };
     let good = nifti(v, false, false);
     let changed = |at: usize, bytes: &[u8]| {
@@ -229,35 +252,86 @@ fn refuses(folder: &Path, v: &Voxels) {
         bad[at..at + bytes.len()].copy_from_slice(bytes);
         bad
     };
-    check("cut.nii", &good[..good.len() / 2], &["voxels are announced", "truncated"]);
+    check(
+        "cut.nii",
+        &good[..good.len() / 2],
+        &["voxels are announced", "truncated"],
+    );
     check("head.nii", &good[..100], &["within its header"]);
     check("cut.nii.gz", &gzip(&good)[..2000], &["cut.nii.gz"]);
     check("no.nii", b"hello, this is no volume of any kind", &["348"]);
-    check("pair.nii", &changed(344, b"ni1\0"), &["save it as one .nii"]);
+    check(
+        "pair.nii",
+        &changed(344, b"ni1\0"),
+        &["save it as one .nii"],
+    );
     check("lost.nii", &changed(254, &[0, 0]), &["orientation"]);
-    let huge: Vec<u8> = [30_000i16; 3].iter().flat_map(|n| n.to_le_bytes()).collect();
-    check("bomb.nii.gz", &gzip(&changed(42, &huge)), &["too large", "voxels"]);
+    let huge: Vec<u8> = [30_000i16; 3]
+        .iter()
+        .flat_map(|n| n.to_le_bytes())
+        .collect();
+    check(
+        "bomb.nii.gz",
+        &gzip(&changed(42, &huge)),
+        &["too large", "voxels"],
+    );
     let many = [3_i16, 800, 800, 800].iter().flat_map(|n| n.to_le_bytes());
-    check("many.nii.gz", &gzip(&changed(40, &many.collect::<Vec<_>>())), &["truncated"]);
+    check(
+        "many.nii.gz",
+        &gzip(&changed(40, &many.collect::<Vec<_>>())),
+        &["truncated"],
+    );
     let mut scan = good.clone();
     scan[5_000..5_002].copy_from_slice(&(-1000i16).to_le_bytes());
-    check("scan.nii", &scan, &["voxel 2324 is -1000", "only its segmentation"]);
+    check(
+        "scan.nii",
+        &scan,
+        &["voxel 2324 is -1000", "only its segmentation"],
+    );
     let empty = Voxels {
-        labels: v.labels.iter().map(|l| if *l == 2 { 7 } else { *l }).collect(),
+        labels: v
+            .labels
+            .iter()
+            .map(|l| if *l == 2 { 7 } else { *l })
+            .collect(),
         ..*v
     };
-    check("other.nii", &nifti(&empty, false, false), &["the labels 4, 5, 7", "--label mandible=N"]);
+    check(
+        "other.nii",
+        &nifti(&empty, false, false),
+        &["the labels 4, 5, 7", "--label mandible=N"],
+    );
     let text = |from: &str, to: &str| {
         let head = String::from_utf8(nrrd(v, "LPS", "raw", "")).unwrap();
         let mut bytes = head.replace(from, to).into_bytes();
         bytes.extend(&v.labels);
         bytes
     };
-    check("space.nrrd", &text("space: LPS\n", ""), &["orientation is unknown"]);
+    check(
+        "space.nrrd",
+        &text("space: LPS\n", ""),
+        &["orientation is unknown"],
+    );
     check("type.nrrd", &text("uint8", "block"), &["\"block\""]);
     check("bz.nrrd", &text("raw", "bzip2"), &["\"bzip2\"", "gzip"]);
-    check("nan.nrrd", &text("space origin: (", "space origin: (nan,0,0) ("), &["space origin"]);
-    check("small.nrrd", &text(&format!("({SPACING},0,0)"), "(0.0001,0,0)"), &["0.01 to 20 mm"]);
-    check("list.nrrd", &text("encoding", "data file: LIST\nencoding"), &["several files"]);
-    check("none.nhdr", &text("encoding", "data file: none.raw\nencoding"), &["none.raw"]);
+    check(
+        "nan.nrrd",
+        &text("space origin: (", "space origin: (nan,0,0) ("),
+        &["space origin"],
+    );
+    check(
+        "small.nrrd",
+        &text(&format!("({SPACING},0,0)"), "(0.0001,0,0)"),
+        &["0.01 to 20 mm"],
+    );
+    check(
+        "list.nrrd",
+        &text("encoding", "data file: LIST\nencoding"),
+        &["several files"],
+    );
+    check(
+        "none.nhdr",
+        &text("encoding", "data file: none.raw\nencoding"),
+        &["none.raw"],
+    );
 }

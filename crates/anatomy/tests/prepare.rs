@@ -113,7 +113,12 @@ fn a_folder_read_again_is_the_same_and_a_changed_one_is_refused() {
     assert_eq!(read.context, first.patient.context);
     assert_eq!(read.inputs, first.patient.inputs);
     assert_eq!(read.figures, first.patient.figures);
-    let surfaces = |p: &PatientFolder| p.teeth.iter().map(|t| t.surface.clone()).collect::<Vec<_>>();
+    let surfaces = |p: &PatientFolder| {
+        p.teeth
+            .iter()
+            .map(|t| t.surface.clone())
+            .collect::<Vec<_>>()
+    };
     assert_eq!(surfaces(&read), surfaces(&first.patient));
     assert_eq!(read.teeth.len(), 14);
     let again = base.path().join("c");
@@ -122,7 +127,10 @@ fn a_folder_read_again_is_the_same_and_a_changed_one_is_refused() {
     let checked = folder::check(&a);
     assert_eq!(checked.faults, Vec::<String>::new());
     let remarks = checked.remarks.join("; ");
-    assert!(remarks.contains("maxilla it is shown, but tools do not touch it"), "{remarks}");
+    assert!(
+        remarks.contains("maxilla it is shown, but tools do not touch it"),
+        "{remarks}"
+    );
     assert!(remarks.contains("constructed, not seen"), "{remarks}");
 
     simulates(&a, &read);
@@ -141,9 +149,15 @@ fn simulates(folder: &Path, read: &PatientFolder) {
     };
     let own = Patient::build(&with(600), &mut |_, _| {}).unwrap();
     assert_eq!(own.mesh.nodes(), read.mesh.nodes());
-    assert_eq!((own.teeth.len(), own.canals.len(), own.context.len()), (14, 2, 1));
+    assert_eq!(
+        (own.teeth.len(), own.canals.len(), own.context.len()),
+        (14, 2, 1)
+    );
     assert_eq!(own.osteotomy.parts.len(), 3);
-    assert!(own.shell.iter().any(|p| p.anchor != p.position), "crowns are felt");
+    assert!(
+        own.shell.iter().any(|p| p.anchor != p.position),
+        "crowns are felt"
+    );
     let other = Patient::build(&with(400), &mut |_, _| {}).unwrap();
     assert!(other.mesh.nodes().len() < 450);
 }
@@ -163,26 +177,47 @@ fn changed(folder: &Path) {
     };
     let flip = |at: usize| move |b: &mut Vec<u8>| b[at] ^= 1;
     let text = faults("surface.ply", &flip(900));
-    assert!(text.contains("surface.ply: it is not the file that was written"), "{text}");
+    assert!(
+        text.contains("surface.ply: it is not the file that was written"),
+        "{text}"
+    );
     let text = faults("canal_2.json", &flip(30));
     assert!(text.contains("canal_2.json: it is not"), "{text}");
     let manifest = |from: &'static str, to: &'static str| {
         move |b: &mut Vec<u8>| *b = String::from_utf8_lossy(b).replace(from, to).into_bytes()
     };
-    let text = faults("patient.toml", &manifest("osteotome.patient/1", "osteotome.patient/9"));
+    let text = faults(
+        "patient.toml",
+        &manifest("osteotome.patient/1", "osteotome.patient/9"),
+    );
     assert!(text.contains("schema is \"osteotome.patient/9\""), "{text}");
-    let text = faults("patient.toml", &manifest("frame = \"LPS\"", "frame = \"RAS\""));
+    let text = faults(
+        "patient.toml",
+        &manifest("frame = \"LPS\"", "frame = \"RAS\""),
+    );
     assert!(text.contains("frame is \"RAS\""), "{text}");
-    let text = faults("patient.toml", &manifest("path = \"mesh.vtu\"", "path = \"../mesh.vtu\""));
-    assert!(text.contains("\"../mesh.vtu\" leads out of the folder"), "{text}");
-    let text = faults("patient.toml", &manifest("units = \"mm\"", "unitz = \"mm\""));
+    let text = faults(
+        "patient.toml",
+        &manifest("path = \"mesh.vtu\"", "path = \"../mesh.vtu\""),
+    );
+    assert!(
+        text.contains("\"../mesh.vtu\" leads out of the folder"),
+        "{text}"
+    );
+    let text = faults(
+        "patient.toml",
+        &manifest("units = \"mm\"", "unitz = \"mm\""),
+    );
     assert!(text.contains("line 2: unknown field `unitz`"), "{text}");
     // All at once, in order.
     std::fs::write(folder.join("landmarks.json"), "{}").unwrap();
     std::fs::remove_file(folder.join("teeth/03.ply")).unwrap();
     let faults = folder::check(folder).faults;
     assert_eq!(faults.len(), 2, "{faults:?}");
-    assert!(faults[0].contains("03.ply") && faults[1].contains("landmarks.json"), "{faults:?}");
+    assert!(
+        faults[0].contains("03.ply") && faults[1].contains("landmarks.json"),
+        "{faults:?}"
+    );
     std::fs::remove_file(folder.join("patient.toml")).unwrap();
     let text = PatientFolder::read(folder).unwrap_err().to_string();
     assert!(text.contains("it holds no patient.toml"), "{text}");
@@ -196,7 +231,8 @@ fn a_torn_surface_is_mended_within_bounds() {
     let mut torn = good.clone();
     let hole = torn.vertices[900];
     let is_near = |m: &TriMesh, t: &[u32; 3], r: f64| {
-        t.iter().any(|v| (m.vertices[*v as usize] - hole).norm() < r)
+        t.iter()
+            .any(|v| (m.vertices[*v as usize] - hole).norm() < r)
     };
     let copy = torn.clone();
     torn.triangles.retain(|t| !is_near(&copy, t, 3.0));
@@ -222,7 +258,10 @@ fn a_torn_surface_is_mended_within_bounds() {
     let bone = MeshDistance::new(good);
     let closed = MeshDistance::new(mended.clone());
     let over_hole = closed.unsigned(&hole);
-    assert!(over_hole < 1.0 && bone.unsigned(&hole) < 1e-9, "{over_hole}");
+    assert!(
+        over_hole < 1.0 && bone.unsigned(&hole) < 1e-9,
+        "{over_hole}"
+    );
 }
 
 #[test]
@@ -239,7 +278,9 @@ fn the_mesh_is_pulled_onto_the_surface() {
 fn wrong_units_axes_and_bodies_are_named() {
     let base = tempfile::tempdir().unwrap();
     let mut ras = jaw();
-    ras.vertices.iter_mut().for_each(|p| *p = Vec3::new(-p.x, -p.y, p.z) * 1e-3);
+    ras.vertices
+        .iter_mut()
+        .for_each(|p| *p = Vec3::new(-p.x, -p.y, p.z) * 1e-3);
     let input = put(base.path(), "jaw.stl", &stl::to_binary_stl(&ras));
     let mut spec = spec(&input, 400);
     assert!(refusal(&spec).contains("which is no mandible; it would be one in m; say --unit m"));

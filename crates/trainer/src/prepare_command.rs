@@ -31,9 +31,17 @@ pub fn prepare_patient(args: &PrepareArgs) -> Result<(), Failure> {
             .into_iter()
             .map(|(name, png)| extra(Role::Picture, format!("pictures/{name}.png"), png))
             .collect();
-        files.push(extra(Role::Report, "report.txt".to_owned(), (text.clone() + "\n").into_bytes()));
+        files.push(extra(
+            Role::Report,
+            "report.txt".to_owned(),
+            (text.clone() + "\n").into_bytes(),
+        ));
         let json = serde_json::to_string_pretty(&made.report)? + "\n";
-        files.push(extra(Role::Report, "report.json".to_owned(), json.into_bytes()));
+        files.push(extra(
+            Role::Report,
+            "report.json".to_owned(),
+            json.into_bytes(),
+        ));
         made.patient.write(folder.path(), files)?;
         folder.finish()?;
         Ok(())
@@ -164,7 +172,11 @@ pub fn check_patient(folder: &std::path::Path) -> Result<(), Failure> {
             p.teeth.len(),
             p.canals.len(),
             p.context.len(),
-            if p.landmarks.is_some() { ", landmarks" } else { "" },
+            if p.landmarks.is_some() {
+                ", landmarks"
+            } else {
+                ""
+            },
         ));
     }
     for remark in &checked.remarks {

@@ -5,8 +5,8 @@ use crate::surgeon::{Mark, SplitLine};
 use anyhow::{Context, Result, anyhow};
 use osteotome_anatomy::osteotomy::PointSpec;
 use osteotome_anatomy::{
-    MaterialSpec, MeshSource, Osteotomy, OsteotomySource, PartKind, Patient,
-    PatientSpec, Side, SurfacePoint, SurfaceSource, Tissue,
+    MaterialSpec, MeshSource, Osteotomy, OsteotomySource, PartKind, Patient, PatientSpec, Side,
+    SurfacePoint, SurfaceSource, Tissue,
 };
 use osteotome_mechanics::bone::Supports;
 use osteotome_mechanics::contact::{PointOrigin, ShellPoint};
@@ -74,7 +74,11 @@ fn patient_spec(s: &Scenario) -> PatientSpec {
         toughness: m.toughness,
     };
     PatientSpec {
-        surface: match (&s.patient.surface, &s.patient.directory, &s.patient.parametric) {
+        surface: match (
+            &s.patient.surface,
+            &s.patient.directory,
+            &s.patient.parametric,
+        ) {
             (Some(path), _, _) => SurfaceSource::File(path.clone()),
             (None, Some(path), _) => SurfaceSource::Folder(path.clone()),
             (None, None, sizes) => SurfaceSource::Parametric(sizes.unwrap_or_default()),

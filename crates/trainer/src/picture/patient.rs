@@ -6,7 +6,9 @@ use super::views::View;
 use anyhow::Result;
 use osteotome_anatomy::PatientFolder;
 use osteotome_mechanics::geometry::TriMesh;
-use osteotome_render::{Canvas, Kind, Material, Options, Scene, Texture, render, scene::vertex_normals};
+use osteotome_render::{
+    Canvas, Kind, Material, Options, Scene, Texture, render, scene::vertex_normals,
+};
 
 /// Pixels across and down.
 const SIZE: [usize; 2] = [960, 720];

@@ -273,7 +273,8 @@ impl<P: Fn(&str) -> String> Checks<'_, P> {
             })?;
         }
         if let Some(folder) = &p.directory {
-            read_manifest(folder).map_err(|e| anyhow!("{}: {e}", (self.place)("patient.directory")))?;
+            read_manifest(folder)
+                .map_err(|e| anyhow!("{}: {e}", (self.place)("patient.directory")))?;
         }
         for (i, c) in p.context.iter().enumerate() {
             self.existing(&format!("patient.context.{i}.surface"), Some(&c.surface))?;
