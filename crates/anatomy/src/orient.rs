@@ -168,25 +168,38 @@ pub fn look(mesh: &TriMesh, name: &str) -> Result<JawFrame, AnatomyError> {
     })
 }
 
-/// The frame of a mandible that does not stand on its head: the front is lower than the back.
+/// At most so much of a mandible's surface lies near the midline in its hindmost half: it is open there.
+const SHARE_BETWEEN: f64 = 0.02;
+
+/// The frame of a mandible that does not stand on its head: the front is lower than the back, between the rami is nothing.
 fn upright(mesh: &TriMesh, name: &str) -> Result<JawFrame, AnatomyError> {
     let frame = JawFrame::find(mesh, name)?;
-    let bounds = mesh.bounds();
-    let front = bounds.min.y + 0.25 * bounds.extent().y;
-    let (mut sum, mut area) = (0.0, 0.0);
-    for t in 0..mesh.triangles.len() {
-        let centre = mesh.corners(t).iter().sum::<Vec3>() / 3.0;
-        if centre.y < front {
-            let size = mesh.area_normal(t).norm();
-            sum += size * centre.z;
-            area += size;
+    let refuse = |reason: &str| {
+        Err(AnatomyError::NotAMandible {
+            name: name.to_owned(),
+            reason: reason.to_owned(),
+        })
+    };
+    let (low, size) = (mesh.bounds().min, mesh.bounds().extent());
+    let place = |t: usize| {
+        let centre = mesh.corners(t).iter().sum::<Vec3>() / 3.0 - low;
+        (centre.component_div(&size), mesh.area_normal(t).norm())
+    };
+    let (mut front, mut between, mut all) = ([0.0; 2], 0.0, 0.0);
+    for (at, area) in (0..mesh.triangles.len()).map(place) {
+        all += area;
+        if at.y < 0.25 {
+            front = [front[0] + area * at.z, front[1] + area];
+        }
+        if at.y > 0.5 && (at.x - 0.5).abs() < 0.1 {
+            between += area;
         }
     }
-    if sum > area * bounds.centre().z {
-        return Err(AnatomyError::NotAMandible {
-            name: name.to_owned(),
-            reason: "its front lies above the middle of its height".to_owned(),
-        });
+    if front[0] > 0.5 * front[1] {
+        return refuse("its front lies above the middle of its height");
+    }
+    if between > SHARE_BETWEEN * all {
+        return refuse("there is bone between its rami");
     }
     Ok(frame)
 }
