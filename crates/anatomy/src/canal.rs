@@ -34,8 +34,24 @@ pub struct CanalFile {
     /// Width \[mm\].
     #[serde(default = "mean_diameter")]
     pub diameter: f64,
+    /// Whether it was placed by mean distances rather than seen in images.
+    #[serde(default)]
+    pub constructed: bool,
     /// Centre line, LPS.
     pub points: Vec<[f64; 3]>,
+}
+
+impl Canal {
+    /// The canal as it is written to a file.
+    pub fn to_file(&self) -> CanalFile {
+        CanalFile {
+            units: "mm".to_owned(),
+            side: self.side,
+            diameter: 2.0 * self.radius,
+            constructed: self.is_constructed,
+            points: self.line.iter().map(|p| (*p).into()).collect(),
+        }
+    }
 }
 
 fn mean_diameter() -> f64 {
@@ -47,13 +63,20 @@ fn mean_diameter() -> f64 {
 /// # Errors
 /// [`AnatomyError`] for a file that is missing, not of this form, or not in mm.
 pub fn read_canal(path: &Path) -> Result<Canal, AnatomyError> {
-    let bytes = read_limited(path, 4 << 20)?;
+    parse_canal(&read_limited(path, 4 << 20)?, &path.display().to_string())
+}
+
+/// Parses a canal file from memory; `name` is for error texts.
+///
+/// # Errors
+/// As [`read_canal`].
+pub fn parse_canal(bytes: &[u8], name: &str) -> Result<Canal, AnatomyError> {
     let bad = |reason: String| AnatomyError::Format {
-        path: path.display().to_string(),
+        path: name.to_owned(),
         format: "canal",
         reason,
     };
-    let file: CanalFile = serde_json::from_slice(&bytes).map_err(|e| bad(e.to_string()))?;
+    let file: CanalFile = serde_json::from_slice(bytes).map_err(|e| bad(e.to_string()))?;
     if file.units != "mm" {
         return Err(bad(format!(
             "units are \"{}\"; they must be \"mm\"",
@@ -76,7 +99,7 @@ pub fn read_canal(path: &Path) -> Result<Canal, AnatomyError> {
         side: file.side,
         line: file.points.into_iter().map(Vec3::from).collect(),
         radius: 0.5 * file.diameter,
-        is_constructed: false,
+        is_constructed: file.constructed,
     })
 }
 

@@ -23,6 +23,16 @@ pub enum AnatomyError {
         /// What is wrong and where.
         reason: String,
     },
+    /// A file of another kind than what is asked for.
+    #[error("{path} is {what}; give {mend}")]
+    Foreign {
+        /// Which file.
+        path: String,
+        /// What it is.
+        what: &'static str,
+        /// What would be right.
+        mend: &'static str,
+    },
     /// A file or request beyond the limits of this program.
     #[error("{what} is too large: {size}; at most {limit} can be used")]
     TooLarge {
@@ -110,6 +120,34 @@ pub enum AnatomyError {
         /// Which surface.
         name: String,
         /// What is missing.
+        reason: String,
+    },
+    /// The size is not that of a mandible.
+    #[error("{name} is {:.3} x {:.3} x {:.3} mm, which is no mandible; {mend}", extent.x, extent.y, extent.z)]
+    Units {
+        /// Which surface.
+        name: String,
+        /// How large it is.
+        extent: Vec3,
+        /// What would be right.
+        mend: String,
+    },
+    /// The axes are others than those claimed.
+    #[error(
+        "{name} lies as a mandible does not lie in LPS (x left, y posterior, z superior), but would in {letters}; say --axes {letters}"
+    )]
+    Axes {
+        /// Which surface.
+        name: String,
+        /// The axes that would do.
+        letters: &'static str,
+    },
+    /// A patient's folder cannot be used.
+    #[error("{path}: {reason}")]
+    Folder {
+        /// The folder or a file in it.
+        path: String,
+        /// What is wrong and what would be right.
         reason: String,
     },
     /// A number outside its range.

@@ -1,6 +1,9 @@
 //! Named places on a mandible, and finding them on a surface that comes without.
 use crate::error::AnatomyError;
+use crate::stl::read_limited;
 use osteotome_mechanics::geometry::{MeshDistance, TriMesh, Vec3};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// Named places on one side \[mm, LPS\].
 #[derive(Clone, Debug, PartialEq)]
@@ -34,6 +37,137 @@ pub struct Landmarks {
     pub right: SideLandmarks,
     /// The patient's left side.
     pub left: SideLandmarks,
+}
+
+/// A landmarks file (JSON). Names that are not listed here are passed over.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LandmarksFile {
+    /// Must be `mm`; LPS.
+    pub units: String,
+    /// As in [`Landmarks`].
+    pub menton: [f64; 3],
+    /// The patient's right side.
+    pub right: SideFile,
+    /// The patient's left side.
+    pub left: SideFile,
+}
+
+/// One side of a landmarks file; as [`SideLandmarks`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(missing_docs)]
+pub struct SideFile {
+    pub condyle_centre: [f64; 3],
+    pub condyle_top: [f64; 3],
+    pub coronoid_tip: [f64; 3],
+    pub sigmoid_notch: [f64; 3],
+    pub gonion: [f64; 3],
+    pub lingula: [f64; 3],
+    pub external_oblique_ridge: Vec<[f64; 3]>,
+    pub second_molar_buccal: [f64; 3],
+    #[serde(alias = "buccal_cut_lower_border")]
+    pub lower_border: [f64; 3],
+}
+
+impl From<&SideLandmarks> for SideFile {
+    fn from(s: &SideLandmarks) -> Self {
+        Self {
+            condyle_centre: s.condyle_centre.into(),
+            condyle_top: s.condyle_top.into(),
+            coronoid_tip: s.coronoid_tip.into(),
+            sigmoid_notch: s.sigmoid_notch.into(),
+            gonion: s.gonion.into(),
+            lingula: s.lingula.into(),
+            external_oblique_ridge: s
+                .external_oblique_ridge
+                .iter()
+                .map(|p| (*p).into())
+                .collect(),
+            second_molar_buccal: s.second_molar_buccal.into(),
+            lower_border: s.lower_border.into(),
+        }
+    }
+}
+
+impl From<&SideFile> for SideLandmarks {
+    fn from(s: &SideFile) -> Self {
+        Self {
+            condyle_centre: s.condyle_centre.into(),
+            condyle_top: s.condyle_top.into(),
+            coronoid_tip: s.coronoid_tip.into(),
+            sigmoid_notch: s.sigmoid_notch.into(),
+            gonion: s.gonion.into(),
+            lingula: s.lingula.into(),
+            external_oblique_ridge: s
+                .external_oblique_ridge
+                .iter()
+                .map(|p| (*p).into())
+                .collect(),
+            second_molar_buccal: s.second_molar_buccal.into(),
+            lower_border: s.lower_border.into(),
+        }
+    }
+}
+
+impl Landmarks {
+    /// As they are written to a file.
+    pub fn to_file(&self) -> LandmarksFile {
+        LandmarksFile {
+            units: "mm".to_owned(),
+            menton: self.menton.into(),
+            right: (&self.right).into(),
+            left: (&self.left).into(),
+        }
+    }
+
+    /// All of them, with names for messages.
+    pub fn named(&self) -> Vec<(String, Vec3)> {
+        let mut all = vec![("menton".to_owned(), self.menton)];
+        for (side, s) in [("right", &self.right), ("left", &self.left)] {
+            let on_surface = [
+                ("condyle_top", s.condyle_top),
+                ("coronoid_tip", s.coronoid_tip),
+                ("sigmoid_notch", s.sigmoid_notch),
+                ("gonion", s.gonion),
+                ("lingula", s.lingula),
+                ("second_molar_buccal", s.second_molar_buccal),
+                ("lower_border", s.lower_border),
+            ];
+            all.extend(on_surface.map(|(name, p)| (format!("{side}.{name}"), p)));
+            let ridge = s.external_oblique_ridge.iter().enumerate();
+            all.extend(ridge.map(|(i, p)| (format!("{side}.external_oblique_ridge.{i}"), *p)));
+        }
+        all
+    }
+}
+
+/// Reads a landmarks file.
+///
+/// # Errors
+/// [`AnatomyError`] for a file that is missing, not of this form, or not in mm.
+pub fn read_landmarks(path: &Path) -> Result<Landmarks, AnatomyError> {
+    parse_landmarks(&read_limited(path, 4 << 20)?, &path.display().to_string())
+}
+
+/// Parses a landmarks file from memory; `name` is for error texts.
+///
+/// # Errors
+/// As [`read_landmarks`].
+pub fn parse_landmarks(bytes: &[u8], name: &str) -> Result<Landmarks, AnatomyError> {
+    let bad = |reason: String| AnatomyError::Format {
+        path: name.to_owned(),
+        format: "landmarks",
+        reason,
+    };
+    let file: LandmarksFile = serde_json::from_slice(bytes).map_err(|e| bad(e.to_string()))?;
+    if file.units != "mm" {
+        let units = file.units;
+        return Err(bad(format!("units are \"{units}\"; they must be \"mm\"")));
+    }
+    Ok(Landmarks {
+        menton: file.menton.into(),
+        right: (&file.right).into(),
+        left: (&file.left).into(),
+    })
 }
 
 /// The frame of a mandible, found on any surface: enough for supports and the run of the osteons.

@@ -1,9 +1,9 @@
 //! Cortical bone, trabecular bone and teeth, mixed in each tetrahedron by how much of it lies how deep.
 use crate::error::{AnatomyError, in_range};
 use crate::landmarks::JawFrame;
-use crate::teeth::Crown;
+use crate::teeth::ToothBody;
 use osteotome_mechanics::bone::{EngineeringConstants, Orthotropic, TetMaterial};
-use osteotome_mechanics::geometry::{Aabb, MeshDistance, SignedDistance, TetMesh, Vec3};
+use osteotome_mechanics::geometry::{Aabb, MeshDistance, TetMesh, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -110,7 +110,7 @@ impl MaterialSpec {
         mesh: &TetMesh,
         surface: &MeshDistance,
         frame: &JawFrame,
-        teeth: &[Crown],
+        teeth: &[&dyn ToothBody],
     ) -> Result<Vec<TetMaterial>, AnatomyError> {
         self.check()?;
         let samples = samples();
@@ -164,11 +164,11 @@ impl MaterialSpec {
         &self,
         corners: &[Vec3; 4],
         surface: &MeshDistance,
-        teeth: &[Crown],
+        teeth: &[&dyn ToothBody],
         samples: &[[f64; 4]],
     ) -> [f64; 3] {
         let around = Aabb::around(corners);
-        let near: Vec<&Crown> = teeth
+        let near: Vec<&&dyn ToothBody> = teeth
             .iter()
             .filter(|c| c.bounds().overlaps(&around))
             .collect();

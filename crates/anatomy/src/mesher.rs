@@ -116,7 +116,29 @@ pub fn stuff(region: &dyn SignedDistance, how: &Stuffing) -> Result<Tets, Anatom
     stuff_graded(region, how, &Swelling::none(), &Grading::EVEN)
 }
 
+/// As [`stuff`], with all pieces.
+pub(crate) fn stuff_all(region: &dyn SignedDistance, how: &Stuffing) -> Result<Tets, AnatomyError> {
+    stuffed(region, how, &Swelling::none(), &Grading::EVEN)
+}
+
 fn stuff_graded(
+    region: &dyn SignedDistance,
+    how: &Stuffing,
+    swelling: &Swelling,
+    grading: &Grading,
+) -> Result<Tets, AnatomyError> {
+    let kept = largest_piece(&stuffed(region, how, swelling, grading)?);
+    if kept.tets.is_empty() {
+        let reason = format!(
+            "nothing of it is as thick as the lattice of {:.2} mm; ask for more nodes",
+            how.spacing
+        );
+        return Err(AnatomyError::Mesher { reason });
+    }
+    Ok(kept)
+}
+
+fn stuffed(
     region: &dyn SignedDistance,
     how: &Stuffing,
     swelling: &Swelling,
@@ -160,15 +182,7 @@ fn stuff_graded(
     };
     let mut stuffed = Stuffer::new(&lattice, &value).tets();
     stuffed.nodes.iter_mut().for_each(|p| *p = place(p));
-    let kept = largest_piece(&stuffed);
-    if kept.tets.is_empty() {
-        let reason = format!(
-            "nothing of it is as thick as the lattice of {:.2} mm; ask for more nodes",
-            how.spacing
-        );
-        return Err(AnatomyError::Mesher { reason });
-    }
-    Ok(kept)
+    Ok(stuffed)
 }
 
 /// A place where the mesh is finer: the lattice is drawn together about it, radially, and unchanged further out.
@@ -403,31 +417,39 @@ pub fn mesh_to_nodes(
     })
 }
 
-/// A signed distance that is exact within [`Sketched::EXACT`] of the surface; further out it may be too small, but is quick: most of
-/// a lattice about a mandible lies there.
-struct Sketched<'a> {
+/// A signed distance that is exact within a reach of the surface; further out it may be too small, but is quick: most of a
+/// lattice about a mandible lies there.
+pub(crate) struct Sketched<'a> {
     exact: &'a dyn SignedDistance,
     bounds: Aabb,
     size: [usize; 3],
     values: Vec<f64>,
+    reach: f64,
+    cell: f64,
 }
 
 impl<'a> Sketched<'a> {
-    /// More than any edge that the surface crosses is long \[mm\].
-    const EXACT: f64 = 10.0;
+    /// More than any edge of a tetrahedral mesh that the surface crosses is long \[mm\].
+    const REACH: f64 = 10.0;
     /// Of the grid of distances \[mm\].
     const CELL: f64 = 4.0;
+    /// A body that takes more cells is not sketched.
+    const MAX_CELLS: usize = 4_000_000;
 
     fn new(exact: &'a dyn SignedDistance) -> Self {
-        let bounds = exact.bounds().grown(Self::CELL);
-        let size = [0, 1, 2].map(|k| (bounds.extent()[k] / Self::CELL) as usize + 1);
+        Self::with(exact, Self::REACH, Self::CELL)
+    }
+
+    /// Exact within `reach` \[mm\]; `cell`: of the grid of distances.
+    pub(crate) fn with(exact: &'a dyn SignedDistance, reach: f64, cell: f64) -> Self {
+        let bounds = exact.bounds().grown(cell);
+        let size = [0, 1, 2].map(|k| (bounds.extent()[k] / cell) as usize + 1);
         let at = |i: usize| {
-            let cell = [i % size[0], i / size[0] % size[1], i / (size[0] * size[1])];
-            bounds.min + Vec3::from(cell.map(|c| c as f64 * Self::CELL))
+            let index = [i % size[0], i / size[0] % size[1], i / (size[0] * size[1])];
+            bounds.min + Vec3::from(index.map(|c| c as f64 * cell))
         };
-        // A body much larger than any jaw is not sketched.
-        let n = size.iter().product::<usize>();
-        let n = if n < 1_000_000 { n } else { 0 };
+        let n = size.iter().fold(1, |n: usize, s| n.saturating_mul(*s));
+        let n = if n < Self::MAX_CELLS { n } else { 0 };
         Self {
             exact,
             bounds,
@@ -436,6 +458,8 @@ impl<'a> Sketched<'a> {
                 .into_par_iter()
                 .map(|i| exact.signed(&at(i)))
                 .collect(),
+            reach,
+            cell,
         }
     }
 
@@ -447,11 +471,11 @@ impl<'a> Sketched<'a> {
         if outside != Vec3::zeros() {
             return Some(outside.norm());
         }
-        let q = (p - self.bounds.min) / Self::CELL;
+        let q = (p - self.bounds.min) / self.cell;
         let cell = [0, 1, 2].map(|k| (q[k].round() as usize).min(self.size[k] - 1));
         let index = (cell[2] * self.size[1] + cell[1]) * self.size[0] + cell[0];
         let value = self.values.get(index)?;
-        let off = (q - Vec3::from(cell.map(|c| c as f64))).norm() * Self::CELL;
+        let off = (q - Vec3::from(cell.map(|c| c as f64))).norm() * self.cell;
         Some(value.signum() * (value.abs() - off).max(0.0))
     }
 }
@@ -459,7 +483,7 @@ impl<'a> Sketched<'a> {
 impl SignedDistance for Sketched<'_> {
     fn signed(&self, p: &Vec3) -> f64 {
         match self.estimate(p) {
-            Some(distance) if distance.abs() > Self::EXACT => distance,
+            Some(distance) if distance.abs() > self.reach => distance,
             _ => self.exact.signed(p),
         }
     }
@@ -620,7 +644,7 @@ fn fit(body: &Body, target: usize, mut how: Stuffing) -> Result<Trial, AnatomyEr
         let missing = body.volume - tets.volume();
         let area = shifted_area(&tets, &grading);
         let boundary = tets.boundary();
-        let handles = (genus(&boundary) - body.genus).abs() as f64;
+        let handles = handles_amiss(genus(&boundary), body.genus) as f64;
         // Grain and lenses take some of the lattice's own angles.
         let flat = f64::from(u8::from(smallest_dihedral(&tets) < GOOD_DIHEDRAL));
         let left_out = distances(&tets, boundary, &body.outposts);
@@ -664,6 +688,16 @@ fn fit(body: &Body, target: usize, mut how: Stuffing) -> Result<Trial, AnatomyEr
     })
 }
 
+/// Handles and cavities of a mesh that its body has not, or the other way round. A body with handles, as one with teeth that touch,
+/// may lose those that are smaller than the lattice.
+fn handles_amiss(mesh: i64, body: i64) -> i64 {
+    if body > 0 {
+        (mesh - body).max(-mesh).max(0)
+    } else {
+        (mesh - body).abs()
+    }
+}
+
 /// Volume that a shift of 1 mm adds \[mm2\]: the surface's area, counted more where the mesh is coarse and the shift larger.
 fn shifted_area(tets: &Tets, grading: &Grading) -> f64 {
     tets.boundary()
@@ -680,10 +714,19 @@ fn shifted_area(tets: &Tets, grading: &Grading) -> f64 {
 /// # Errors
 /// As [`stuff`].
 pub fn contour(region: &dyn SignedDistance, spacing: f64) -> Result<TriMesh, AnatomyError> {
+    contour_at(region, spacing, &Vec3::new(0.0, 0.25, 0.25))
+}
+
+/// As [`contour`], with the lattice at a given place.
+pub(crate) fn contour_at(
+    region: &dyn SignedDistance,
+    spacing: f64,
+    offset: &Vec3,
+) -> Result<TriMesh, AnatomyError> {
     let how = Stuffing {
         spacing,
         shift: 0.0,
-        offset: Vec3::new(0.0, 0.25, 0.25),
+        offset: *offset,
     };
     let tets = stuff(region, &how)?;
     Ok(crate::surface::compact(&tets.nodes, &tets.boundary()))

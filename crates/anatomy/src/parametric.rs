@@ -1,6 +1,6 @@
 //! A mandible from a few numbers, for when there is no scan: the signed distance field of an idealised jaw.
 //!
-//! Frame: mm, x = patient left, y = posterior, z = superior; origin midway between the condyle centres; symmetric about x = 0.
+//! Frame: mm, x = patient left, y = posterior, z = superior; origin midway between the condyle centres; symmetric about x = 0 unless the chin deviates.
 //! Sizes at scale 1 follow published means (ramus 31.3 wide and 44.8 high, gonial angle 124.8 degrees, bicondylar width about
 //! 120, bigonial about 98, body 28-32 high and 11-14 broad). The shape between them is invented and must be shown as such.
 use crate::canal::{Canal, MEAN_DIAMETER, smooth_line};
@@ -29,6 +29,8 @@ pub struct Parameters {
     pub body_breadth: f64,
     /// Distance between the condyle centres \[mm at scale 1\], 80 to 115.
     pub condyle_distance: f64,
+    /// How far the chin deviates to the patient's left \[mm at scale 1\], -8 to 8; all before the condyles is sheared with it.
+    pub chin_deviation: f64,
 }
 
 impl Default for Parameters {
@@ -41,6 +43,7 @@ impl Default for Parameters {
             body_height: 30.0,
             body_breadth: 12.5,
             condyle_distance: 101.0,
+            chin_deviation: 0.0,
         }
     }
 }
@@ -59,6 +62,7 @@ impl Parameters {
             ("body_height", self.body_height, 24.0, 36.0),
             ("body_breadth", self.body_breadth, 10.0, 16.0),
             ("condyle_distance", self.condyle_distance, 80.0, 115.0),
+            ("chin_deviation", self.chin_deviation, -8.0, 8.0),
         ];
         for (name, value, low, high) in ranges {
             in_range(&format!("patient.parametric.{name}"), value, low, high)?;
@@ -167,6 +171,9 @@ impl ParametricMandible {
         mandible.arch = mandible.make_arch();
         mandible.alveolar = mandible.make_alveolar();
         mandible.teeth = mandible.make_teeth();
+        for i in 0..mandible.teeth.len() {
+            mandible.teeth[i].neck = mandible.deviated(mandible.teeth[i].neck);
+        }
         mandible.details = mandible.make_details();
         Ok(mandible)
     }
@@ -174,6 +181,17 @@ impl ParametricMandible {
     /// Crowns of both sides, right first, from the midline back; not part of this field, which is the bone's.
     pub fn teeth(&self) -> &[Crown] {
         &self.teeth
+    }
+
+    /// Where a place of the symmetric jaw \[mm\] lies in this one. Only x changes, by a share that y alone gives.
+    fn deviated(&self, p: Vec3) -> Vec3 {
+        p + Vec3::x() * self.deviation(p.y)
+    }
+
+    fn deviation(&self, y: f64) -> f64 {
+        let scale = self.parameters.scale;
+        let chin = self.gonion.y - BODY_LENGTH;
+        scale * self.parameters.chin_deviation * smoothstep(0.0, chin, y / scale)
     }
 
     /// The numbers it was made from.
@@ -474,6 +492,7 @@ impl ParametricMandible {
     pub fn landmarks(&self, surface: &MeshDistance) -> Result<Landmarks, AnatomyError> {
         let scale = self.parameters.scale;
         let chin = Vec3::new(0.0, self.arch[0].at[1], self.arch[0].bottom - 10.0) * scale;
+        let chin = self.deviated(chin);
         Ok(Landmarks {
             menton: cast(surface, &chin, &Vec3::z()).ok_or_else(|| missing("menton"))?,
             right: self.side_landmarks(surface, -1.0)?,
@@ -486,7 +505,8 @@ impl ParametricMandible {
         surface: &MeshDistance,
         sign: f64,
     ) -> Result<SideLandmarks, AnatomyError> {
-        let world = |p: Vec3| Vec3::new(sign * p.x, p.y, p.z) * self.parameters.scale;
+        let world =
+            |p: Vec3| self.deviated(Vec3::new(sign * p.x, p.y, p.z) * self.parameters.scale);
         let onto = |p: Vec3| surface.closest(&world(p)).map_or(world(p), |c| c.point);
         let width = self.parameters.ramus_width;
         let condyle = Vec3::new(0.5 * self.parameters.condyle_distance, 0.0, 0.0);
@@ -530,7 +550,9 @@ impl ParametricMandible {
         points.push(self.surface_from(&mental, &out));
         let left = smooth_line(&points, 8);
         [Side::Right, Side::Left].map(|side| {
-            let world = |p: &Vec3| Vec3::new(side.sign() * p.x, p.y, p.z) * self.parameters.scale;
+            let world = |p: &Vec3| {
+                self.deviated(Vec3::new(side.sign() * p.x, p.y, p.z) * self.parameters.scale)
+            };
             Canal {
                 side,
                 line: left.iter().map(world).collect(),
@@ -616,12 +638,14 @@ fn missing(what: &str) -> AnatomyError {
 impl SignedDistance for ParametricMandible {
     fn signed(&self, p: &Vec3) -> f64 {
         let scale = self.parameters.scale;
-        scale * self.field(&(p / scale))
+        let symmetric = p - Vec3::x() * self.deviation(p.y);
+        scale * self.field(&(symmetric / scale))
     }
 
     fn bounds(&self) -> Aabb {
         let x = 0.5 * self.parameters.condyle_distance + CONDYLE.x;
         let x = x.max(self.gonion.x + self.parameters.ramus_thickness) + 3.0;
+        let x = x + self.parameters.chin_deviation.abs();
         let chin = &self.arch[0];
         let top = self.outline.iter().map(|q| self.out_of_ramus(*q).z);
         Aabb {

@@ -1,6 +1,8 @@
 //! A patient: everything about one jaw that the simulation starts from.
 use crate::canal::{Canal, read_canal};
 use crate::error::AnatomyError;
+use crate::folder::PatientFolder;
+use crate::input::read_surface;
 use crate::landmarks::{JawFrame, Landmarks};
 use crate::materials::MaterialSpec;
 use crate::mesher::{self, Body};
@@ -8,9 +10,8 @@ use crate::msh::read_msh;
 use crate::osteotomy::{DEFAULT_KERF, Osteotomy, PointSpec, Side, read_osteotomy};
 use crate::parametric::{Parameters, ParametricMandible};
 use crate::point_shell::{SurfacePoint, point_shell, toothed_point_shell};
-use crate::stl::read_stl;
 use crate::surface::ClosedSurface;
-use crate::teeth::{Crown, Tooth};
+use crate::teeth::{Crown, ScannedTooth, Tooth, ToothBody};
 use osteotome_mechanics::bone::TetMaterial;
 use osteotome_mechanics::geometry::{MeshDistance, TetMesh, TriMesh, Vec3};
 use std::path::PathBuf;
@@ -45,6 +46,8 @@ pub struct Patient {
     pub landmarks: Option<Landmarks>,
     /// The canals that are known.
     pub canals: Vec<Canal>,
+    /// Surfaces around the jaw that came with the patient, each with what it is.
+    pub context: Vec<(String, TriMesh)>,
 }
 
 /// Where the bone's surface comes from.
@@ -52,14 +55,16 @@ pub struct Patient {
 pub enum SurfaceSource {
     /// The idealised jaw.
     Parametric(Parameters),
-    /// A closed surface in an STL file, mm, LPS.
+    /// A closed surface in a file (STL, PLY or OBJ), mm, LPS.
     File(PathBuf),
+    /// A folder that `prepare` made, with all that it holds.
+    Folder(PathBuf),
 }
 
 /// Where the tetrahedra come from.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MeshSource {
-    /// The own mesher, with about so many nodes.
+    /// The own mesher, with about so many nodes; the mesh of a patient's folder if it was made with as many.
     Nodes(usize),
     /// The own mesher, finer about the pre-sawn line; see [`Body::graded`].
     Graded {
@@ -129,6 +134,7 @@ struct Bone {
     constructed: Vec<String>,
     surface: ClosedSurface,
     parametric: Option<ParametricMandible>,
+    folder: Option<Box<PatientFolder>>,
 }
 
 impl Patient {
@@ -146,11 +152,12 @@ impl Patient {
         let mut bone = spec.surface.read()?;
         let frame = JawFrame::find(&bone.surface.mesh, &bone.name)?;
         let distance = MeshDistance::new(bone.surface.mesh.clone());
-        let landmarks = match &bone.parametric {
-            Some(parametric) => Some(parametric.landmarks(&distance)?),
-            None => None,
+        let landmarks = match (&bone.parametric, &bone.folder) {
+            (Some(parametric), _) => Some(parametric.landmarks(&distance)?),
+            (None, Some(folder)) => folder.landmarks.clone(),
+            (None, None) => None,
         };
-        let canals = spec.canals(bone.parametric.as_ref())?;
+        let canals = spec.canals(&bone)?;
         if canals.iter().any(|c| c.is_constructed) {
             let note = "the canal is placed by published mean distances, not seen in images";
             bone.constructed.push(note.to_owned());
@@ -164,19 +171,20 @@ impl Patient {
         let place = osteotomy.place();
         let mesh = spec.mesh(&bone, &distance, &frame, &place, progress)?;
         progress("materials", 0.85);
-        let crowns = bone.parametric.as_ref().map_or(&[][..], |p| p.teeth());
-        let materials = spec.material.assign(&mesh, &distance, &frame, crowns)?;
+        let teeth = bone.teeth(&distance)?;
+        let bodies: Vec<&dyn ToothBody> = teeth.iter().map(|(_, body)| &**body).collect();
+        let materials = spec.material.assign(&mesh, &distance, &frame, &bodies)?;
         let note =
             "bone regions go by depth under the surface; osteons follow the jaw's centre line";
         bone.constructed.push(note.to_owned());
         progress("point shell", 0.95);
-        let teeth: Vec<(Crown, TriMesh)> = crowns
-            .iter()
-            .map(|c| Ok((c.clone(), c.surface()?)))
-            .collect::<Result<_, AnatomyError>>()?;
         let shell = if teeth.is_empty() {
             point_shell(&bone.surface.mesh, spec.shell_points)?
         } else {
+            let teeth: Vec<(&dyn ToothBody, &TriMesh)> = teeth
+                .iter()
+                .map(|(tooth, body)| (&**body, &tooth.surface))
+                .collect();
             toothed_point_shell(&distance, &teeth, spec.shell_points)?
         };
         progress("patient", 1.0);
@@ -185,13 +193,8 @@ impl Patient {
             constructed: bone.constructed,
             notes: bone.surface.notes,
             surface: bone.surface.mesh,
-            teeth: teeth
-                .into_iter()
-                .map(|(crown, surface)| Tooth {
-                    fdi: crown.kind.fdi(crown.is_left),
-                    surface,
-                })
-                .collect(),
+            teeth: teeth.into_iter().map(|(tooth, _)| tooth).collect(),
+            context: bone.folder.map(|f| f.context).unwrap_or_default(),
             mesh,
             materials,
             shell,
@@ -270,28 +273,69 @@ impl SurfaceSource {
                     ],
                     surface: ClosedSurface::new(mesh, name)?,
                     parametric: Some(mandible),
+                    folder: None,
                 })
             }
             Self::File(path) => {
                 let name = path.display().to_string();
-                let surface = ClosedSurface::new(read_stl(path)?, &name)?;
+                let surface = ClosedSurface::new(read_surface(path)?, &name)?;
                 Ok(Bone {
                     name,
                     constructed: Vec::new(),
                     surface,
                     parametric: None,
+                    folder: None,
+                })
+            }
+            Self::Folder(path) => {
+                let folder = PatientFolder::read(path)?;
+                Ok(Bone {
+                    name: folder.name.clone(),
+                    constructed: folder.constructed.clone(),
+                    surface: ClosedSurface {
+                        mesh: folder.surface.clone(),
+                        notes: folder.notes.clone(),
+                    },
+                    parametric: None,
+                    folder: Some(Box::new(folder)),
                 })
             }
         }
     }
 }
 
-impl PatientSpec {
-    fn canals(&self, bone: Option<&ParametricMandible>) -> Result<Vec<Canal>, AnatomyError> {
-        match (&self.canal, bone) {
-            (Some(path), _) => Ok(vec![read_canal(path)?]),
-            (None, Some(mandible)) => Ok(mandible.canals().into()),
+impl Bone {
+    /// The teeth that are known, as seen and as bodies.
+    fn teeth(
+        &self,
+        surface: &MeshDistance,
+    ) -> Result<Vec<(Tooth, Box<dyn ToothBody>)>, AnatomyError> {
+        let crown = |c: &Crown| {
+            let tooth = Tooth {
+                fdi: c.kind.fdi(c.is_left),
+                surface: c.surface()?,
+            };
+            Ok((tooth, Box::new(c.clone()) as Box<dyn ToothBody>))
+        };
+        let scanned = |t: &Tooth| {
+            let body = ScannedTooth::new(t.surface.clone(), surface, &self.name)?;
+            Ok((t.clone(), Box::new(body) as Box<dyn ToothBody>))
+        };
+        match (&self.parametric, &self.folder) {
+            (Some(parametric), _) => parametric.teeth().iter().map(crown).collect(),
+            (None, Some(folder)) => folder.teeth.iter().map(scanned).collect(),
             (None, None) => Ok(vec![]),
+        }
+    }
+}
+
+impl PatientSpec {
+    fn canals(&self, bone: &Bone) -> Result<Vec<Canal>, AnatomyError> {
+        match (&self.canal, &bone.parametric, &bone.folder) {
+            (Some(path), _, _) => Ok(vec![read_canal(path)?]),
+            (None, Some(mandible), _) => Ok(mandible.canals().into()),
+            (None, None, Some(folder)) => Ok(folder.canals.clone()),
+            (None, None, None) => Ok(vec![]),
         }
     }
 
@@ -345,6 +389,12 @@ impl PatientSpec {
         let volume = body.volume;
         let mut inner = |f: f64| progress("mesh", 0.15 + 0.7 * f);
         match &self.mesh {
+            MeshSource::Nodes(target)
+                if let Some(folder) = &bone.folder
+                    && folder.figures.target == *target =>
+            {
+                Ok(folder.mesh.clone())
+            }
             MeshSource::Nodes(target) => {
                 Ok(mesher::mesh_to_nodes(&body, *target, &mut inner)?.mesh)
             }

@@ -1,7 +1,7 @@
 //! Points spread evenly over a surface: what a chisel feels.
 use crate::error::{AnatomyError, in_range};
-use crate::teeth::Crown;
-use osteotome_mechanics::geometry::{Aabb, MeshDistance, SignedDistance, TriMesh, Vec3};
+use crate::teeth::ToothBody;
+use osteotome_mechanics::geometry::{Aabb, MeshDistance, TriMesh, Vec3};
 
 /// A point that stands for a piece of the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,7 +42,7 @@ fn check_count(n: usize) -> Result<(), AnatomyError> {
 /// As [`point_shell`].
 pub fn toothed_point_shell(
     bone: &MeshDistance,
-    teeth: &[(Crown, TriMesh)],
+    teeth: &[(&dyn ToothBody, &TriMesh)],
     n: usize,
 ) -> Result<Vec<SurfacePoint>, AnatomyError> {
     check_count(n)?;
@@ -58,7 +58,7 @@ pub fn toothed_point_shell(
 /// `n` points over all surfaces, less those that are covered.
 fn uncovered(
     bone: &MeshDistance,
-    teeth: &[(Crown, TriMesh)],
+    teeth: &[(&dyn ToothBody, &TriMesh)],
     n: usize,
 ) -> Result<Vec<SurfacePoint>, AnatomyError> {
     let area = bone.mesh().area() + teeth.iter().map(|(_, mesh)| mesh.area()).sum::<f64>();

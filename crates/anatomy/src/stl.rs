@@ -2,6 +2,7 @@
 use crate::error::AnatomyError;
 use crate::surface::{MAX_TRIANGLES, weld};
 use osteotome_mechanics::geometry::{TriMesh, Vec3};
+use std::io::Read;
 use std::path::Path;
 
 const HEADER: usize = 84;
@@ -54,26 +55,15 @@ pub fn parse_stl(bytes: &[u8], name: &str) -> Result<TriMesh, AnatomyError> {
 
 /// Reads a whole file that must not be larger than `limit` bytes.
 pub(crate) fn read_limited(path: &Path, limit: u64) -> Result<Vec<u8>, AnatomyError> {
-    let error = |e: std::io::Error| AnatomyError::Read {
-        path: path.display().to_string(),
-        reason: e.to_string(),
-    };
-    let metadata = std::fs::metadata(path).map_err(error)?;
-    if !metadata.is_file() {
-        // A folder cannot be read, a device may never end.
-        return Err(AnatomyError::Read {
+    let mut bytes = Vec::new();
+    crate::input::open_limited(path, limit)?
+        .take(limit)
+        .read_to_end(&mut bytes)
+        .map_err(|e| AnatomyError::Read {
             path: path.display().to_string(),
-            reason: "it is not a regular file".to_owned(),
-        });
-    }
-    if metadata.len() > limit {
-        return Err(AnatomyError::TooLarge {
-            what: format!("{} (bytes)", path.display()),
-            size: metadata.len(),
-            limit,
-        });
-    }
-    std::fs::read(path).map_err(error)
+            reason: e.to_string(),
+        })?;
+    Ok(bytes)
 }
 
 fn bad(name: &str, reason: String) -> AnatomyError {

@@ -61,41 +61,65 @@ fn check_numbers(mesh: &TriMesh, name: &str) -> Result<(), AnatomyError> {
     Ok(())
 }
 
-fn check_edges(mesh: &TriMesh, name: &str) -> Result<(), AnatomyError> {
-    let mut uses: FxHashMap<[u32; 2], [u32; 2]> = FxHashMap::default();
-    for t in &mesh.triangles {
-        for k in 0..3 {
-            let (a, b) = (t[k], t[(k + 1) % 3]);
-            uses.entry([a.min(b), a.max(b)]).or_default()[usize::from(a > b)] += 1;
+/// Edges by what is wrong with them, each list sorted.
+pub(crate) struct EdgeFaults {
+    /// With a triangle on one side only.
+    pub open: Vec<[u32; 2]>,
+    /// With more than two triangles.
+    pub non_manifold: Vec<[u32; 2]>,
+    /// Whose two triangles face opposite ways.
+    pub misoriented: Vec<[u32; 2]>,
+}
+
+impl EdgeFaults {
+    pub(crate) fn of(mesh: &TriMesh) -> Self {
+        // Sorted, not hashed: half the memory for surfaces of millions of triangles, and the order is given.
+        let mut edges: Vec<([u32; 2], bool)> = Vec::with_capacity(3 * mesh.triangles.len());
+        for t in &mesh.triangles {
+            for k in 0..3 {
+                let (a, b) = (t[k], t[(k + 1) % 3]);
+                edges.push(([a.min(b), a.max(b)], a > b));
+            }
         }
-    }
-    let pick = |bad: fn(&[u32; 2]) -> bool| {
-        let mut edges: Vec<_> = uses
-            .iter()
-            .filter(|(_, n)| bad(n))
-            .map(|(e, _)| *e)
-            .collect();
         edges.sort_unstable();
-        let near = edges
-            .first()
-            .map(|e| (mesh.vertices[e[0] as usize] + mesh.vertices[e[1] as usize]) * 0.5);
-        near.map(|near| (name.to_owned(), edges.len(), near))
-    };
-    if let Some((name, n_edges, near)) = pick(|n| n[0] + n[1] > 2) {
+        let mut faults = Self {
+            open: Vec::new(),
+            non_manifold: Vec::new(),
+            misoriented: Vec::new(),
+        };
+        for uses in edges.chunk_by(|a, b| a.0 == b.0) {
+            let edge = uses[0].0;
+            match uses {
+                [_] => faults.open.push(edge),
+                [a, b] if a.1 == b.1 => faults.misoriented.push(edge),
+                [_, _] => {}
+                _ => faults.non_manifold.push(edge),
+            }
+        }
+        faults
+    }
+}
+
+fn check_edges(mesh: &TriMesh, name: &str) -> Result<(), AnatomyError> {
+    let faults = EdgeFaults::of(mesh);
+    let name = name.to_owned();
+    let middle = |e: &[u32; 2]| (mesh.vertices[e[0] as usize] + mesh.vertices[e[1] as usize]) * 0.5;
+    let first = |edges: &[[u32; 2]]| edges.first().map(|e| (edges.len(), middle(e)));
+    if let Some((n_edges, near)) = first(&faults.non_manifold) {
         return Err(AnatomyError::NonManifold {
             name,
             n_edges,
             near,
         });
     }
-    if let Some((name, n_edges, near)) = pick(|n| n[0] + n[1] == 1) {
+    if let Some((n_edges, near)) = first(&faults.open) {
         return Err(AnatomyError::OpenSurface {
             name,
             n_edges,
             near,
         });
     }
-    if let Some((name, n_edges, near)) = pick(|n| n[0] == 2 || n[1] == 2) {
+    if let Some((n_edges, near)) = first(&faults.misoriented) {
         return Err(AnatomyError::Orientation {
             name,
             n_edges,
@@ -107,6 +131,53 @@ fn check_edges(mesh: &TriMesh, name: &str) -> Result<(), AnatomyError> {
 
 /// The connected piece that encloses most, without loose vertices, and how many others there were.
 fn largest_piece(mesh: TriMesh) -> (TriMesh, usize) {
+    let pieces = pieces(&mesh);
+    let n = pieces.iter().max().map_or(0, |n| *n as usize + 1);
+    let mut volumes = vec![0.0; n];
+    for (t, piece) in pieces.iter().enumerate() {
+        let [a, b, c] = mesh.corners(t);
+        volumes[*piece as usize] += a.dot(&b.cross(&c));
+    }
+    let larger = |a: &usize, b: &usize| {
+        volumes[*a]
+            .abs()
+            .total_cmp(&volumes[*b].abs())
+            .then(b.cmp(a))
+    };
+    let Some(keep) = (0..n).max_by(larger) else {
+        return (mesh, 0);
+    };
+    if n == 1 {
+        return (compact(&mesh.vertices, &mesh.triangles), 0);
+    }
+    (piece(&mesh, &pieces, keep as u32), n - 1)
+}
+
+/// All connected pieces, in the order of their first vertices.
+pub(crate) fn split_pieces(mesh: &TriMesh) -> Vec<TriMesh> {
+    let pieces = pieces(mesh);
+    let n = pieces.iter().max().map_or(0, |n| *n + 1);
+    (0..n).map(|k| piece(mesh, &pieces, k)).collect()
+}
+
+/// How many pieces share no vertex.
+pub(crate) fn n_pieces(mesh: &TriMesh) -> usize {
+    pieces(mesh).iter().max().map_or(0, |n| *n as usize + 1)
+}
+
+fn piece(mesh: &TriMesh, pieces: &[u32], keep: u32) -> TriMesh {
+    let kept: Vec<_> = mesh
+        .triangles
+        .iter()
+        .zip(pieces)
+        .filter(|(_, p)| **p == keep)
+        .map(|(t, _)| *t)
+        .collect();
+    compact(&mesh.vertices, &kept)
+}
+
+/// The number of each triangle's piece, counted in the order of their first vertices.
+fn pieces(mesh: &TriMesh) -> Vec<u32> {
     let mut parent: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
     for t in &mesh.triangles {
         for k in 1..3 {
@@ -114,25 +185,16 @@ fn largest_piece(mesh: TriMesh) -> (TriMesh, usize) {
             parent[a.max(b) as usize] = a.min(b);
         }
     }
-    let mut volumes: FxHashMap<u32, f64> = FxHashMap::default();
-    for t in 0..mesh.triangles.len() {
-        let [a, b, c] = mesh.corners(t);
-        *volumes
-            .entry(root(&mut parent, mesh.triangles[t][0]))
-            .or_default() += a.dot(&b.cross(&c));
-    }
-    let mut pieces: Vec<_> = volumes.iter().map(|(r, v)| (v.abs(), *r)).collect();
-    pieces.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    let Some(&(_, keep)) = pieces.first() else {
-        return (mesh, 0);
-    };
-    let kept: Vec<_> = mesh
+    let roots: Vec<u32> = mesh
         .triangles
         .iter()
-        .copied()
-        .filter(|t| root(&mut parent, t[0]) == keep)
+        .map(|t| root(&mut parent, t[0]))
         .collect();
-    (compact(&mesh.vertices, &kept), pieces.len() - 1)
+    let mut names = roots.clone();
+    names.sort_unstable();
+    names.dedup();
+    let name = |r: &u32| names.binary_search(r).map_or(0, |i| i as u32);
+    roots.iter().map(name).collect()
 }
 
 fn root(parent: &mut [u32], mut v: u32) -> u32 {
@@ -163,6 +225,28 @@ pub(crate) fn compact(vertices: &[Vec3], triangles: &[[u32; 3]]) -> TriMesh {
             .map(|t| t.map(|v| index[v as usize]))
             .collect(),
     }
+}
+
+/// What a reader found, checked: every triangle names vertices that are there and are finite; triangles with two equal corners
+/// and loose vertices are left out.
+pub(crate) fn checked_surface(
+    mut mesh: TriMesh,
+    name: &str,
+    format: &'static str,
+) -> Result<TriMesh, AnatomyError> {
+    let n = mesh.vertices.len();
+    let is_missing = |v: &&u32| **v as usize >= n;
+    if let Some(v) = mesh.triangles.iter().flatten().find(is_missing) {
+        return Err(AnatomyError::Format {
+            path: name.to_owned(),
+            format,
+            reason: format!("a face names vertex {v}, counted from 0, but there are only {n}"),
+        });
+    }
+    mesh.triangles
+        .retain(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]);
+    check_numbers(&mesh, name)?;
+    Ok(compact(&mesh.vertices, &mesh.triangles))
 }
 
 /// Joins equal corners of loose triangles into shared vertices; triangles with two equal corners are dropped.

@@ -4,7 +4,7 @@
 //! from textbooks of dental anatomy (Wheeler's tables); the shape between them is invented.
 use crate::error::AnatomyError;
 use crate::mesher;
-use osteotome_mechanics::geometry::{Aabb, SignedDistance, TriMesh, Vec3};
+use osteotome_mechanics::geometry::{Aabb, MeshDistance, SignedDistance, TriMesh, Vec3};
 
 /// The permanent lower teeth from the midline back; third molars are left out, as in most who are operated on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -126,6 +126,96 @@ struct Form {
 const STUMP: f64 = 3.0;
 /// Fineness of a crown's surface \[mm at scale 1\].
 const SURFACE_SPACING: f64 = 0.75;
+
+/// A tooth that the bone carries.
+pub trait ToothBody: SignedDistance {
+    /// A place in the bone under its neck, by which the bone carries it \[mm\].
+    fn anchor(&self) -> Vec3;
+}
+
+/// A tooth from a scan: crown alone or with its root.
+#[derive(Clone, Debug)]
+pub struct ScannedTooth {
+    distance: MeshDistance,
+    anchor: Vec3,
+}
+
+impl ScannedTooth {
+    /// A tooth's closed surface, carried by the middle of what of it lies in the bone; one that only touches the bone by a place
+    /// in the bone next to it.
+    ///
+    /// # Errors
+    /// [`AnatomyError::Format`] for a tooth that is further than 5 mm from the bone.
+    pub fn new(surface: TriMesh, bone: &MeshDistance, name: &str) -> Result<Self, AnatomyError> {
+        const REACH: f64 = 5.0;
+        /// How deep an anchor lies at least \[mm\].
+        const DEPTH: f64 = 1.5;
+        let nearest = |p: &Vec3| bone.signed(p);
+        let mut inside = (Vec3::zeros(), 0);
+        let mut least = (f64::INFINITY, Vec3::zeros());
+        for p in &surface.vertices {
+            let d = nearest(p);
+            if d < 0.0 {
+                inside = (inside.0 + p, inside.1 + 1);
+            }
+            if d < least.0 {
+                least = (d, *p);
+            }
+        }
+        if least.0 > REACH {
+            return Err(AnatomyError::Format {
+                path: name.to_owned(),
+                format: "teeth",
+                reason: format!(
+                    "a tooth near ({:.1}, {:.1}, {:.1}) is {:.1} mm away from the bone; teeth and bone must be in one frame",
+                    least.1.x, least.1.y, least.1.z, least.0
+                ),
+            });
+        }
+        let middle = if inside.1 > 0 {
+            inside.0 / f64::from(inside.1)
+        } else {
+            least.1
+        };
+        let mut anchor = middle;
+        if bone.signed(&middle) > -DEPTH
+            && let Some(near) = bone.closest(&middle)
+        {
+            anchor = near.point - near.normal * DEPTH;
+        }
+        Ok(Self {
+            distance: MeshDistance::new(surface),
+            anchor,
+        })
+    }
+
+    /// Its surface.
+    pub fn mesh(&self) -> &TriMesh {
+        self.distance.mesh()
+    }
+}
+
+impl SignedDistance for ScannedTooth {
+    fn signed(&self, p: &Vec3) -> f64 {
+        self.distance.signed(p)
+    }
+
+    fn bounds(&self) -> Aabb {
+        self.distance.bounds()
+    }
+}
+
+impl ToothBody for ScannedTooth {
+    fn anchor(&self) -> Vec3 {
+        self.anchor
+    }
+}
+
+impl ToothBody for Crown {
+    fn anchor(&self) -> Vec3 {
+        self.anchor()
+    }
+}
 
 /// One crown in its place. Its sign and zero set are exact, the distance only near the surface.
 #[derive(Clone, Debug)]

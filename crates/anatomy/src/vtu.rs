@@ -37,6 +37,57 @@ pub fn parse_vtu(bytes: &[u8], name: &str) -> Result<MeshFile, AnatomyError> {
     grid.into_mesh(name, bad)
 }
 
+/// A mesh as .vtu, exact to the last bit (appended raw data). Read again it is the same if its nodes are in the order of first use.
+pub fn to_vtu(mesh: &TetMesh) -> Vec<u8> {
+    let n_tets = mesh.tets().len() as u32;
+    let blocks: [Vec<u8>; 4] = [
+        mesh.nodes()
+            .iter()
+            .flat_map(|p| [p.x, p.y, p.z])
+            .flat_map(f64::to_le_bytes)
+            .collect(),
+        mesh.tets()
+            .iter()
+            .flatten()
+            .flat_map(|n| n.to_le_bytes())
+            .collect(),
+        (1..=n_tets).flat_map(|k| (4 * k).to_le_bytes()).collect(),
+        vec![10; n_tets as usize],
+    ];
+    let mut offset = 0;
+    let mut starts = blocks.iter().map(|b| {
+        let start = offset;
+        offset += 8 + b.len();
+        start
+    });
+    let mut array = |attributes: &str| {
+        let start = starts.next().unwrap_or(0);
+        format!("<DataArray {attributes} format=\"appended\" offset=\"{start}\"/>\n")
+    };
+    let points = array("type=\"Float64\" Name=\"Points\" NumberOfComponents=\"3\"");
+    let cells = [
+        array("type=\"UInt32\" Name=\"connectivity\""),
+        array("type=\"UInt32\" Name=\"offsets\""),
+        array("type=\"UInt8\" Name=\"types\""),
+    ]
+    .concat();
+    let mut out = format!(
+        "<?xml version=\"1.0\"?>\n<!-- mm, LPS -->\n\
+         <VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n\
+         <UnstructuredGrid>\n<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{n_tets}\">\n\
+         <Points>\n{points}</Points>\n<Cells>\n{cells}</Cells>\n\
+         </Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_",
+        mesh.nodes().len()
+    )
+    .into_bytes();
+    for block in &blocks {
+        out.extend((block.len() as u64).to_le_bytes());
+        out.extend(block);
+    }
+    out.extend(b"\n</AppendedData>\n</VTKFile>\n");
+    out
+}
+
 type Parsed<T> = Result<T, String>;
 
 struct Grid {

@@ -4,15 +4,18 @@ use crate::commands;
 use crate::devices;
 use crate::fracture;
 use crate::picture::{StereoMode, View};
+use crate::prepare_command;
 use crate::render_command;
 use crate::report_command;
 use crate::scenario::Override;
 use crate::talk;
 use crate::window;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use osteotome_anatomy::orient::{Axes, Unit};
 use osteotome_devices::Binding;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::str::FromStr;
 
 /// Why a command failed.
 #[derive(Debug)]
@@ -39,7 +42,9 @@ enum Command {
     Demo(DemoArgs),
     /// One session without a window
     Run(RunArgs),
-    /// Says what is wrong with a scenario, and where
+    /// Makes a patient from a surface, a label volume or tetrahedra
+    Prepare(PrepareArgs),
+    /// Says what is wrong with a scenario or a patient's folder, and where
     Check(CheckArgs),
     /// Plays a recorded session
     Replay(ReplayArgs),
@@ -113,11 +118,106 @@ pub struct RunArgs {
 /// Arguments of `check`.
 #[derive(Args)]
 pub struct CheckArgs {
-    /// The scenario (TOML)
+    /// The scenario (TOML), or a patient's folder
+    #[arg(value_name = "SCENARIO|PATIENT_DIR")]
     pub scenario: PathBuf,
     /// Overrides a key of the scenario by a TOML value (repeatable)
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<Override>,
+}
+
+/// Arguments of `prepare`.
+#[derive(Args)]
+pub struct PrepareArgs {
+    /// The bone: STL, PLY, OBJ, NIfTI or NRRD labels, Gmsh .msh or VTK .vtu
+    pub input: PathBuf,
+    /// Teeth: a surface (STL, PLY or OBJ), each tooth a piece of its own
+    #[arg(long, value_name = "FILE")]
+    pub teeth: Option<PathBuf>,
+    /// The mandibular canal of one side (JSON; mm, LPS; repeatable)
+    #[arg(long, value_name = "FILE")]
+    pub canal: Vec<PathBuf>,
+    /// Named places (JSON; mm, LPS), for osteotomies by technique
+    #[arg(long, value_name = "FILE")]
+    pub landmarks: Option<PathBuf>,
+    /// A surface around the jaw and what it is: maxilla, teeth, skull, soft-tissue, retractor (repeatable)
+    #[arg(long, value_name = "ROLE=FILE")]
+    pub context: Vec<ContextFile>,
+    /// Nodes of the mesh; 5,000, or those of the tetrahedra that are given
+    #[arg(long, value_name = "N")]
+    pub nodes: Option<usize>,
+    /// What the patient is called; the input's file name
+    #[arg(long)]
+    pub name: Option<String>,
+    /// Unit of all surfaces and tetrahedra: mm, cm, m or inch
+    #[arg(long, default_value = "mm")]
+    pub unit: Unit,
+    /// Whither x, y and z point in all surfaces and tetrahedra
+    #[arg(long, value_name = "LPS|RAS|...", default_value = "LPS")]
+    pub axes: Axes,
+    /// Another number for maxilla, mandible, upper-teeth, lower-teeth or canal in a label volume (repeatable)
+    #[arg(long, value_name = "NAME=N")]
+    pub label: Vec<Label>,
+    /// The patient's folder; an earlier patient there is replaced
+    #[arg(short, long, value_name = "PATIENT_DIR")]
+    pub output: PathBuf,
+    /// Prints the report as one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A surface around the jaw.
+#[derive(Clone, Debug)]
+pub struct ContextFile {
+    /// What it is.
+    pub role: String,
+    /// Where it is.
+    pub file: PathBuf,
+}
+
+impl FromStr for ContextFile {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.split_once('=') {
+            Some((role, file)) if !role.is_empty() && !file.is_empty() => Ok(Self {
+                role: role.to_owned(),
+                file: file.into(),
+            }),
+            _ => Err("give what it is and the file, like maxilla=maxilla.stl".to_owned()),
+        }
+    }
+}
+
+/// The number of one label.
+#[derive(Clone, Copy, Debug)]
+pub struct Label {
+    /// Of [`Label::NAMES`].
+    pub name: &'static str,
+    /// As in the volume.
+    pub number: u8,
+}
+
+impl Label {
+    const NAMES: [&'static str; 5] = ["maxilla", "mandible", "upper-teeth", "lower-teeth", "canal"];
+}
+
+impl FromStr for Label {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || {
+            let names = Self::NAMES.join(", ");
+            format!("give one of {names} and a number of 1 to 255, like mandible=2")
+        };
+        let (name, number) = text.split_once('=').ok_or_else(wrong)?;
+        let name = Self::NAMES.into_iter().find(|n| *n == name);
+        let number = number.parse().ok().filter(|n| *n > 0);
+        Ok(Self {
+            name: name.ok_or_else(wrong)?,
+            number: number.ok_or_else(wrong)?,
+        })
+    }
 }
 
 /// Arguments of `replay`.
@@ -297,6 +397,7 @@ pub fn main() -> ExitCode {
         Command::Train(args) => window::train(&args),
         Command::Demo(args) => commands::demo(&args),
         Command::Run(args) => commands::run(&args),
+        Command::Prepare(args) => prepare_command::prepare_patient(&args),
         Command::Check(args) => commands::check(&args),
         Command::Replay(args) => commands::replay(&args),
         Command::Report(args) => report_command::report(&args),

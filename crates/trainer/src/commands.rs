@@ -5,6 +5,7 @@ use crate::engine::{self, Prepared};
 use crate::input::{Input, open_devices};
 use crate::loops::{Control, Sink, lockstep, realtime_under};
 use crate::picture::{self, write_pictures};
+use crate::prepare_command::check_patient;
 use crate::scenario::{self, Override, Scenario, Source};
 use crate::session::{
     BoneSample, CrackMesh, GrowthSample, HapticSample, Loop, MainSample, Metrics, MetricsDocument,
@@ -104,6 +105,9 @@ fn users_devices(
 
 /// `check`: everything up to the first step of a session.
 pub fn check(args: &CheckArgs) -> Result<(), Failure> {
+    if args.scenario.is_dir() {
+        return check_patient(&args.scenario);
+    }
     let scenario = load(&Source::File(args.scenario.clone()), &args.set)?;
     let prepared = prepare(&scenario)?;
     let start = built_in(&scenario, &prepared)?.read().map(|r| r.pose);

@@ -5,8 +5,8 @@ use crate::surgeon::{Mark, SplitLine};
 use anyhow::{Context, Result, anyhow};
 use osteotome_anatomy::osteotomy::PointSpec;
 use osteotome_anatomy::{
-    MaterialSpec, MeshSource, Osteotomy, OsteotomySource, Parameters, PartKind, Patient,
-    PatientSpec, Side, SurfacePoint, SurfaceSource, Tissue,
+    MaterialSpec, MeshSource, Osteotomy, OsteotomySource, PartKind, Patient, PatientSpec, Side,
+    SurfacePoint, SurfaceSource, Tissue,
 };
 use osteotome_mechanics::bone::Supports;
 use osteotome_mechanics::contact::{PointOrigin, ShellPoint};
@@ -52,7 +52,8 @@ const OUTSIDE: f64 = 2.0;
 pub fn prepare(s: &Scenario, progress: &mut dyn FnMut(&str, f64)) -> Result<Prepared> {
     let mut patient = Patient::build(&patient_spec(s), progress)?;
     let marks = (patient.osteotomy.parts.iter()).flat_map(|p| p.points.iter().map(|m| m.at));
-    let surroundings = surroundings(&s.patient.context, marks, &mut patient.notes)?;
+    let came_with = std::mem::take(&mut patient.context);
+    let surroundings = surroundings(&s.patient.context, came_with, marks, &mut patient.notes)?;
     let line = split_line(&patient.osteotomy)?;
     let body = body(s, &patient);
     let cuts = saw_cuts(&patient, body.lengths.overshoot());
@@ -73,16 +74,14 @@ fn patient_spec(s: &Scenario) -> PatientSpec {
         toughness: m.toughness,
     };
     PatientSpec {
-        surface: match (&s.patient.surface, &s.patient.parametric) {
-            (Some(path), _) => SurfaceSource::File(path.clone()),
-            (None, sizes) => {
-                let sizes = sizes.clone().unwrap_or_default();
-                SurfaceSource::Parametric(Parameters {
-                    scale: sizes.scale,
-                    gonial_angle: sizes.gonial_angle,
-                    ..Parameters::default()
-                })
-            }
+        surface: match (
+            &s.patient.surface,
+            &s.patient.directory,
+            &s.patient.parametric,
+        ) {
+            (Some(path), _, _) => SurfaceSource::File(path.clone()),
+            (None, Some(path), _) => SurfaceSource::Folder(path.clone()),
+            (None, None, sizes) => SurfaceSource::Parametric(sizes.unwrap_or_default()),
         },
         mesh: match &s.mesh.file {
             Some(path) => MeshSource::File(path.clone()),

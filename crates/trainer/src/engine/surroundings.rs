@@ -2,7 +2,7 @@
 use crate::scenario::Context as Surface;
 use anyhow::Result;
 use osteotome_anatomy::ClosedSurface;
-use osteotome_anatomy::stl::read_stl;
+use osteotome_anatomy::input::read_surface;
 use osteotome_mechanics::geometry::{Aabb, DistanceGrid, MeshDistance, TriMesh, Vec3};
 use std::sync::Arc;
 
@@ -22,20 +22,19 @@ pub struct Surrounding {
     pub field: Option<Arc<DistanceGrid>>,
 }
 
-/// Reads the surfaces. An open one is left out of contact, and `notes` says so.
+/// Reads the surfaces; `came_with`: those of the patient's folder. An open one is left out of contact, and `notes` says so.
 ///
 /// # Errors
 /// One line for a file that cannot be read.
 pub fn surroundings(
     given: &[Surface],
+    came_with: Vec<(String, TriMesh)>,
     line: impl Iterator<Item = Vec3>,
     notes: &mut Vec<String>,
 ) -> Result<Vec<Surrounding>> {
     let line: Vec<Vec3> = line.collect();
     let near = Aabb::around(&line).grown(REACH);
-    let read = |s: &Surface| {
-        let mesh = read_stl(&s.surface)?;
-        let name = s.surface.display().to_string();
+    let mut make = |role: String, mesh: TriMesh, name: String| -> Result<Surrounding> {
         let field = match ClosedSurface::new(mesh.clone(), &name) {
             Ok(closed) => field(closed.mesh, &near)?,
             Err(why) => {
@@ -43,13 +42,18 @@ pub fn surroundings(
                 None
             }
         };
-        Ok(Surrounding {
-            role: s.role.clone(),
-            mesh,
-            field,
-        })
+        Ok(Surrounding { role, mesh, field })
     };
-    given.iter().map(read).collect()
+    let mut all = Vec::new();
+    for (role, mesh) in came_with {
+        let name = format!("the patient's {role}");
+        all.push(make(role, mesh, name)?);
+    }
+    for s in given {
+        let mesh = read_surface(&s.surface)?;
+        all.push(make(s.role.clone(), mesh, s.surface.display().to_string())?);
+    }
+    Ok(all)
 }
 
 fn field(mesh: TriMesh, near: &Aabb) -> Result<Option<Arc<DistanceGrid>>> {

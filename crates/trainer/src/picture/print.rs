@@ -118,7 +118,7 @@ fn annotate(image: &mut Image, camera: &Camera, moment: &Moment, title: &str) {
 }
 
 /// A round length of about a tenth of the picture; true where the camera looks at.
-fn scale_bar(canvas: &mut Canvas, [x, y]: [f32; 2], letter: f32, pixels_per_mm: f32) {
+pub(super) fn scale_bar(canvas: &mut Canvas, [x, y]: [f32; 2], letter: f32, pixels_per_mm: f32) {
     let wanted = 7.0 * letter / pixels_per_mm;
     let length = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0]
         .into_iter()
@@ -142,7 +142,7 @@ fn scale_bar(canvas: &mut Canvas, [x, y]: [f32; 2], letter: f32, pixels_per_mm: 
 }
 
 /// The patient's axes: left, posterior and superior are +x, +y and +z. What points towards the eye is bright.
-fn orientation(canvas: &mut Canvas, centre: [f32; 2], letter: f32, camera: &Camera) {
+pub(super) fn orientation(canvas: &mut Canvas, centre: [f32; 2], letter: f32, camera: &Camera) {
     let names = [["L", "R"], ["P", "A"], ["S", "I"]];
     let mut ends = Vec::new();
     for (k, pair) in names.iter().enumerate() {
@@ -173,7 +173,7 @@ fn orientation(canvas: &mut Canvas, centre: [f32; 2], letter: f32, camera: &Came
 ///
 /// # Errors
 /// None that a picture of this program's could cause.
-pub fn encode_png(image: &Image) -> Result<Vec<u8>> {
+pub(super) fn encode_png(image: &Image) -> Result<Vec<u8>> {
     let mut file = Vec::new();
     let mut encoder = png::Encoder::new(&mut file, image.width as u32, image.height as u32);
     encoder.set_color(png::ColorType::Rgb);

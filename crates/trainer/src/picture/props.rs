@@ -92,7 +92,7 @@ pub fn chisel(chisel: &Chisel, pose: &Pose) -> [Prop; 2] {
 const ROUND: u32 = 24;
 
 /// A round bar through rings of given centres and radii, closed at both ends.
-fn tube(material: Material, rings: &[(Vec3, f64)]) -> Prop {
+pub(super) fn tube(material: Material, rings: &[(Vec3, f64)]) -> Prop {
     let n = rings.len();
     let way = |k: usize| {
         let (from, to) = (rings[k.saturating_sub(1)].0, rings[(k + 1).min(n - 1)].0);

@@ -10,6 +10,7 @@ pub use overrides::Override;
 pub use read::{Source, explain, load, parse_toml, plain};
 pub use targets::{Target, Targets};
 
+use osteotome_anatomy::Parameters;
 use osteotome_devices::Binding;
 use osteotome_mechanics::bone::EngineeringConstants;
 use serde::{Deserialize, Serialize};
@@ -79,10 +80,10 @@ pub enum Units {
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Patient {
-    /// The built-in mandible, scaled.
+    /// The built-in mandible by its sizes.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub parametric: Option<Parametric>,
-    /// A prepared patient.
+    pub parametric: Option<Parameters>,
+    /// A patient's folder that `prepare` made; without `mesh.nodes` its own mesh is used.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub directory: Option<PathBuf>,
     /// A closed surface.
@@ -100,7 +101,7 @@ pub struct Patient {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Context {
-    /// An STL file.
+    /// An STL, PLY or OBJ file.
     pub surface: PathBuf,
     /// What it is: maxilla, teeth, skull, soft tissue, retractor.
     #[serde(default = "anything")]
@@ -109,26 +110,6 @@ pub struct Context {
 
 fn anything() -> String {
     "context".to_owned()
-}
-
-/// Sizes of the parametric mandible.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Parametric {
-    /// Every length is multiplied by it.
-    pub scale: f64,
-    /// Angle between the lower and the posterior border \[deg\].
-    pub gonial_angle: f64,
-}
-
-impl Default for Parametric {
-    /// Mean adult sizes.
-    fn default() -> Self {
-        Self {
-            scale: 1.0,
-            gonial_angle: 124.8,
-        }
-    }
 }
 
 /// Mesh and point shell.

@@ -1,6 +1,7 @@
 use super::overrides::{Override, resolve_paths};
 use super::{Material, Scenario, Workspace};
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use osteotome_anatomy::folder::read_manifest;
 use std::path::{Path, PathBuf};
 use toml::Table;
 
@@ -67,6 +68,7 @@ pub fn load(source: &Source, overrides: &[Override], working_directory: &Path) -
     for o in overrides {
         o.apply(&mut tree, working_directory)?;
     }
+    take_prepared_nodes(&mut tree);
     let place = |key: &str| {
         let set = overrides
             .iter()
@@ -81,6 +83,25 @@ pub fn load(source: &Source, overrides: &[Override], working_directory: &Path) -
         .map_err(|e| explain(&e.path().to_string(), e.inner(), &place))?;
     validate(&scenario, &place)?;
     Ok(scenario)
+}
+
+/// Without `mesh.nodes` a prepared patient's mesh is taken as it is: the tree is given the number with which it was made. A folder
+/// that cannot be read is named later, with its key.
+fn take_prepared_nodes(tree: &mut Table) {
+    let directory = tree.get("patient").and_then(|p| p.get("directory"));
+    let Some(folder) = directory.and_then(toml::Value::as_str) else {
+        return;
+    };
+    let Ok(manifest) = read_manifest(Path::new(folder)) else {
+        return;
+    };
+    let mesh = tree.entry("mesh").or_insert_with(|| Table::new().into());
+    if let Some(mesh) = mesh.as_table_mut()
+        && !mesh.contains_key("file")
+    {
+        let target = i64::try_from(manifest.mesh.target).unwrap_or(i64::MAX);
+        mesh.entry("nodes").or_insert(target.into());
+    }
 }
 
 /// TOML as a tree; what is no TOML is named by line.
@@ -245,19 +266,15 @@ impl<P: Fn(&str) -> String> Checks<'_, P> {
         ];
         self.one_of("patient", &given)?;
         if let Some(sizes) = &p.parametric {
-            self.range("patient.parametric.scale", sizes.scale, 0.7, 1.3)?;
-            self.range(
-                "patient.parametric.gonial_angle",
-                sizes.gonial_angle,
-                110.0,
-                140.0,
-            )?;
+            sizes.check().map_err(|e| {
+                let text = e.to_string();
+                let key = text.split(' ').next().unwrap_or("patient.parametric");
+                anyhow!("{}: {text}", (self.place)(key))
+            })?;
         }
-        if p.directory.is_some() {
-            bail!(
-                "{}: prepared patients cannot be read yet; give patient.surface or patient.parametric",
-                (self.place)("patient.directory")
-            );
+        if let Some(folder) = &p.directory {
+            read_manifest(folder)
+                .map_err(|e| anyhow!("{}: {e}", (self.place)("patient.directory")))?;
         }
         for (i, c) in p.context.iter().enumerate() {
             self.existing(&format!("patient.context.{i}.surface"), Some(&c.surface))?;
@@ -276,9 +293,9 @@ impl<P: Fn(&str) -> String> Checks<'_, P> {
         self.one_of("osteotomy", &given)?;
         self.range("osteotomy.kerf", o.kerf, 0.1, 5.0)?;
         self.existing("osteotomy.file", o.file.as_deref())?;
-        if o.technique.is_some() && s.patient.parametric.is_none() {
+        if o.technique.is_some() && s.patient.surface.is_some() {
             bail!(
-                "{}: a technique needs landmarks, which only the parametric patient has; give osteotomy.file or osteotomy.points",
+                "{}: a technique needs landmarks, which a surface alone has not; give osteotomy.file or osteotomy.points",
                 (self.place)("osteotomy.technique")
             );
         }
