@@ -99,16 +99,17 @@ pub fn propagation_step(
     let balance = Balance::new(&bone.cracked, &state.loads);
     let stretches = stretches(&evaluated, &moves);
     let mut best = best_of(&stretches, |front, moves| balance.advance(front, moves))?;
-    if best.is_none() {
-        best = best_of(&stretches, |front, moves| {
-            balance.advance_some(front, moves)
-        })?;
-    }
+    // A ligament that would tear goes before a crack starts anew elsewhere.
     if best.is_none()
         && let Some((n_edges, torn)) = ligament::weakest(bone, &balance, settings)?
     {
         report.ligament = Some((n_edges, torn.ratio));
         best = Some(torn).filter(|t| t.ratio >= 1.0);
+    }
+    if best.is_none() {
+        best = best_of(&stretches, |front, moves| {
+            balance.advance_some(front, moves)
+        })?;
     }
     let Some(Trial { body: grown, .. }) = best else {
         return Ok((None, report));
