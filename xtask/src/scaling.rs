@@ -56,6 +56,7 @@ pub fn write(what: &str, documents: &[String]) -> Result<()> {
         axes: [sweep.axis.to_owned(), "mean (ms)".to_owned()],
         series: series.collect::<Result<_>>()?,
         is_log: [true, true],
+        is_named_low: what == "points",
         ..Chart::default()
     };
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../docs/performance");

@@ -184,6 +184,7 @@ fn along_front(result: &Value, axis: impl Fn(&Value) -> f64, what: &str, expecte
             Series::new("closed form", ends.map(|x| (x, 1.0)).to_vec()),
         ],
         floor: Some(0.0),
+        is_named_low: true,
         ..Chart::default()
     }
 }
@@ -407,6 +408,7 @@ fn two_sheets(root: &Path) -> Result<Section> {
             axes: ["y along the front [mm]".to_owned(), "G [N/mm]".to_owned()],
             series: vec![Series::new("ours", points)],
             floor: Some(0.0),
+            is_named_low: true,
             ..Chart::default()
         },
         remark: "",

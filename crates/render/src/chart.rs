@@ -45,8 +45,8 @@ pub struct Chart {
     pub is_log: [bool; 2],
     /// Places on the x axis that are marked, and how.
     pub marks: Vec<(f64, String)>,
-    /// Whether the names of the lines stand below the lines, as fits those that run high.
-    pub is_high: bool,
+    /// Whether the names of the lines stand at the lower right, not at the upper one.
+    pub is_named_low: bool,
 }
 
 const SIZE: [f64; 2] = [640.0, 360.0];
@@ -128,8 +128,7 @@ impl Chart {
             shapes.push(text([px, MARGIN[1] - 5.0], 0.5, what));
         }
         let room = 14.0 * (self.series.len() as f64 + 1.0);
-        // Lines over a floor run high, others anywhere.
-        let legend = if self.floor.is_some() || self.is_high {
+        let legend = if self.is_named_low {
             SIZE[1] - MARGIN[1] - room
         } else {
             MARGIN[1]

@@ -332,7 +332,7 @@ pub struct DevicesArgs {
 #[derive(Args)]
 pub struct BenchArgs {
     /// Hands to replay: a recorded session; without it, the shipped split at the paper's size
-    #[arg(value_name = "SESSION.mcap")]
+    #[arg(long, value_name = "SESSION.mcap")]
     pub recording: Option<PathBuf>,
     /// Nodes of the simulation mesh, if not those of the recording
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=200_000))]

@@ -1,5 +1,5 @@
 //! The program `osteotome` as a library: its binary and its benches share it. Nothing outside the workspace relies on it.
-pub mod bench;
+mod bench;
 pub mod cli;
 mod commands;
 mod debrief;

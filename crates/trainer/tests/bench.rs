@@ -90,7 +90,7 @@ fn wrong_input_is_named() {
         assert_eq!(error.lines().count(), 1, "{args}: {error}");
         assert!(error.contains(part), "'{part}' is not in: {error}");
     };
-    refused("bench none.mcap", "none.mcap: No such file");
+    refused("bench --recording none.mcap", "none.mcap: No such file");
     refused("bench --nodes 5", "100..=200000");
     refused("bench --points many", "--points");
     refused("bench --max-time 0", "above 0");

@@ -76,6 +76,7 @@ fn rates(paced: &Paced) -> Chart {
         ],
         is_log: [false, true],
         floor: Some(10.0),
+        is_named_low: true,
         marks: (paced.broken().map(|t| (t, "break".to_owned())))
             .into_iter()
             .collect(),

@@ -6,7 +6,7 @@ use osteotome_mechanics::geometry::Pose;
 use std::path::Path;
 
 /// A split by the built-in surgeon at the paper's size (`scenarios/bsso_right.toml` with 104,567 points): the hands alone. Made
-/// by `osteotome bench SESSION.mcap --trim FILE`.
+/// by `osteotome bench --recording SESSION.mcap --trim FILE`.
 const SHIPPED: &[u8] = include_bytes!("split.mcap");
 
 /// The shipped split.
