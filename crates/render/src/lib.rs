@@ -20,6 +20,6 @@ mod vector;
 
 pub use annotate::Canvas;
 pub use frame::{Frame, Image, Options, render};
-pub use renderer::{Choice, Renderer};
+pub use renderer::Renderer;
 pub use scene::{Camera, Kind, Material, Mesh, Scene, Texture};
 pub use stereo::{Stereo, compose};

@@ -3,7 +3,7 @@ use super::look::LOAD_LETTERS;
 use super::stage::Moment;
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
-use osteotome_render::{Camera, Canvas, Image, Options, Stereo, compose, render};
+use osteotome_render::{Camera, Canvas, Image, Options, Renderer, Stereo, compose};
 use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -39,7 +39,13 @@ const EYES: f32 = 1.0 / 30.0;
 
 impl Finish {
     /// Makes the picture.
-    pub fn print(&self, moment: &Moment, camera: &Camera, title: &str) -> Image {
+    pub fn print(
+        &self,
+        renderer: &mut Renderer,
+        moment: &Moment,
+        camera: &Camera,
+        title: &str,
+    ) -> Image {
         let [width, height] = self.size;
         let options = Options {
             width,
@@ -48,8 +54,8 @@ impl Finish {
             is_transparent: self.is_transparent,
         };
         let scene = moment.scene();
-        let eye = |camera: &Camera| {
-            let mut image = render(&scene, camera, &options).image;
+        let mut eye = |camera: &Camera| {
+            let mut image = renderer.image(&scene, camera, &options);
             annotate(&mut image, camera, moment, title);
             image
         };
