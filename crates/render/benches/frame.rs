@@ -135,6 +135,7 @@ fn main() {
         let scene = Scene {
             meshes: vec![mesh(Kind::Bone, b, &normals), mesh(Kind::Kerf, s, &[])],
             background: [[0.05; 3]; 2],
+            ..Scene::default()
         };
         on_processor(&scene, &camera);
         #[cfg(feature = "gpu")]

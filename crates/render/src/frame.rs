@@ -68,6 +68,15 @@ struct TilePart {
 
 /// Makes a frame; the same input gives the same bits for any number of threads.
 pub fn render(scene: &Scene, camera: &Camera, options: &Options) -> Frame {
+    let moved: Vec<_> = scene.skins.iter().map(|s| s.moved(scene.cells)).collect();
+    let of_skins = scene.skins.iter().zip(&moved);
+    let mut meshes: Vec<_> = of_skins.flat_map(|(s, moved)| s.meshes(moved)).collect();
+    meshes.extend(&scene.meshes);
+    let scene = &Scene {
+        meshes,
+        background: scene.background,
+        ..Scene::default()
+    };
     let samples = options.samples.clamp(1, 4);
     let raster = Raster {
         camera: *camera,

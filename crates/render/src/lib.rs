@@ -15,6 +15,7 @@ mod raster;
 mod renderer;
 pub mod scene;
 mod shade;
+pub mod skin;
 mod stereo;
 mod vector;
 
@@ -22,4 +23,5 @@ pub use annotate::Canvas;
 pub use frame::{Frame, Image, Options, render};
 pub use renderer::Renderer;
 pub use scene::{Camera, Kind, Material, Mesh, Scene, Texture};
+pub use skin::Skin;
 pub use stereo::{Stereo, compose};

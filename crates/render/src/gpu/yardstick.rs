@@ -64,7 +64,7 @@ impl Gpu {
         self.buffers
             .reserve(&self.device, &job, self.geometry.n_vertices)?;
         let band = job.bands().next().ok_or(Fault::TooLarge)?;
-        let uniforms = job.uniforms(self.geometry.n_vertices, band);
+        let uniforms = job.uniforms(&self.geometry, band);
         self.buffers.uniforms.write(&self.device, &uniforms)?;
         let mut encoder = self
             .device

@@ -155,6 +155,7 @@ impl Skins {
                 mesh(Kind::Gap, &gap, &self.gap.walls),
             ],
             background: [[0.0; 3]; 2],
+            ..Scene::default()
         };
         let options = Options {
             width: 400,
