@@ -20,7 +20,7 @@ mod stereo;
 mod vector;
 
 pub use annotate::Canvas;
-pub use frame::{Frame, Image, Options, render};
+pub use frame::{Frame, Image, Options, render, z_buffer};
 pub use renderer::Renderer;
 pub use scene::{Camera, Kind, Material, Mesh, Scene, Texture};
 pub use skin::Skin;

@@ -13,8 +13,6 @@ pub struct Prop {
     pub material: Material,
     /// \[mm\]
     pub positions: Vec<[f32; 3]>,
-    /// Undeformed; empty if it does not deform.
-    pub rest: Vec<[f32; 3]>,
     /// Empty for flat triangles.
     pub normals: Vec<[f32; 3]>,
     /// Triangles.
@@ -28,7 +26,7 @@ impl Prop {
             kind: self.kind,
             material: self.material,
             positions: &self.positions,
-            rest: &self.rest,
+            rest: &[],
             normals: &self.normals,
             triangles: &self.triangles,
         }
@@ -50,7 +48,6 @@ impl Prop {
             kind: Kind::Solid,
             material,
             positions,
-            rest: vec![],
             normals,
             triangles,
         }
