@@ -112,7 +112,8 @@ impl Camera {
     /// The eye `aside` \[mm\] to the right of this one, converging at [`distance`](Self::distance).
     pub fn aside(&self, aside: f32) -> Self {
         let eye = std::array::from_fn(|k| self.eye[k] + aside * self.axes[0][k]);
-        let shift = self.shift - aside / (self.distance * self.tangent);
+        // What is straight ahead at that distance moves by so much to the other side.
+        let shift = self.shift + aside / (self.distance * self.tangent);
         Self {
             eye,
             shift,

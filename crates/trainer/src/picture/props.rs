@@ -13,6 +13,8 @@ pub struct Prop {
     pub material: Material,
     /// \[mm\]
     pub positions: Vec<[f32; 3]>,
+    /// Where textures are: positions in the prop's own frame; empty: where it is.
+    pub rest: Vec<[f32; 3]>,
     /// Empty for flat triangles.
     pub normals: Vec<[f32; 3]>,
     /// Triangles.
@@ -26,7 +28,7 @@ impl Prop {
             kind: self.kind,
             material: self.material,
             positions: &self.positions,
-            rest: &[],
+            rest: &self.rest,
             normals: &self.normals,
             triangles: &self.triangles,
         }
@@ -48,6 +50,7 @@ impl Prop {
             kind: Kind::Solid,
             material,
             positions,
+            rest: vec![],
             normals,
             triangles,
         }

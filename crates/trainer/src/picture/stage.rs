@@ -6,7 +6,7 @@ use super::props::{Prop, chisel, load};
 use super::restore::Restored;
 use super::{look, views::View};
 use crate::engine::Prepared;
-use crate::scenario::Scenario;
+use crate::scenario::{Eyes, Scenario};
 use crate::session::{BoneSample, GrowthSample, HandSample, Recording};
 use anyhow::{Context, Result, bail};
 use osteotome_mechanics::crack::CrackedBody;
@@ -83,6 +83,7 @@ pub struct Moment {
     props: Vec<Prop>,
     /// The latest growth.
     pub growth: GrowthState,
+    eyes: Eyes,
 }
 
 /// The crack in figures.
@@ -95,6 +96,11 @@ pub struct GrowthState {
 }
 
 impl Moment {
+    /// How two eyes look at it.
+    pub fn eyes(&self) -> Eyes {
+        self.eyes
+    }
+
     /// For the renderer.
     pub fn scene(&self) -> Scene<'_> {
         Scene {
@@ -219,6 +225,7 @@ impl<'a> Scenery<'a> {
             cells: drawn_cells(&moved),
             props,
             growth: state_of(growth.get(generation).map(Borrow::borrow)),
+            eyes: self.scenario.view,
         })
     }
 

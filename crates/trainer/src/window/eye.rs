@@ -1,13 +1,13 @@
 //! Draws the scene on threads of its own at a low priority: what comes late is dropped, and nobody waits for it.
 use super::conductor::Ready;
 use super::live::{SharedLive, look};
-use crate::picture::{Instant as Shown, Scenery, StereoMode, eyes};
+use crate::picture::{Instant as Shown, Moment, Scenery, StereoMode, eyes};
 use crate::session::HandSample;
 use anyhow::Result;
 use eframe::egui::{Color32, ColorImage};
 use osteotome_devices::Wrench;
 use osteotome_mechanics::geometry::Pose;
-use osteotome_render::{Camera, Image, Options, Renderer, Scene};
+use osteotome_render::{Camera, Image, Options, Renderer};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
@@ -247,7 +247,7 @@ fn watch_patient(shared: &Shared, drawing: &mut Drawing, patient: &Arc<Ready>) -
         };
         let moment = moment(&mut scenery, shared, patient, &wished)?;
         let start = Instant::now();
-        let image = drawing.draw(&moment.scene(), &wished, across, samples);
+        let image = drawing.draw(&moment, &wished, across, samples);
         let ms = start.elapsed().as_secs_f64() * 1e3;
         if refinement == 0 {
             let change = (BUDGET_MS / ms.max(1.0)).sqrt().clamp(0.7, 1.2);
@@ -273,7 +273,7 @@ fn moment(
     shared: &Shared,
     patient: &Ready,
     wished: &Look,
-) -> Result<crate::picture::Moment> {
+) -> Result<Moment> {
     let (time, hands, bone, growth) = {
         let live = look(&shared.live);
         let hands = live.hands.map(|h| h.hands);
@@ -305,7 +305,8 @@ fn at_rest(pose: Pose) -> HandSample {
 }
 
 impl Drawing<'_> {
-    fn draw(&mut self, scene: &Scene, wished: &Look, across: f64, samples: usize) -> Image {
+    fn draw(&mut self, moment: &Moment, wished: &Look, across: f64, samples: usize) -> Image {
+        let scene = moment.scene();
         let [width, height] = wished
             .size
             .map(|n| ((n as f64 * across).round() as usize).clamp(16, 4096));
@@ -316,12 +317,13 @@ impl Drawing<'_> {
             is_transparent: wished.is_transparent,
         };
         let (pool, renderer) = (self.pool, &mut self.renderer);
-        let mut image = |camera: &Camera| pool.install(|| renderer.image(scene, camera, &options));
+        let mut image = |camera: &Camera| pool.install(|| renderer.image(&scene, camera, &options));
         let Some(stereo) = wished.stereo else {
             return image(&wished.camera);
         };
         // Rows are told apart by a polarised monitor as they are on the screen, whatever was drawn.
-        let [left, right] = eyes(&wished.camera).map(|c| enlarged(image(&c), wished.size));
+        let [left, right] =
+            eyes(&wished.camera, moment.eyes()).map(|c| enlarged(image(&c), wished.size));
         stereo.join(&left, &right)
     }
 }
