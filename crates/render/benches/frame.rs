@@ -3,8 +3,10 @@
 //! Each A-buffer is held against a plain z-buffer of the same triangles, without any CSG, on the same device in the same run.
 //! Run with `cargo bench -p osteotome-render --bench frame`.
 #![allow(clippy::print_stdout)]
-use osteotome_render::scene::vertex_normals;
-use osteotome_render::{Camera, Kind, Material, Mesh, Options, Scene, Texture, render};
+use osteotome_render::skin::{Anchor, MovedCell, Part, Skin};
+use osteotome_render::{
+    Camera, Frame, Kind, Material, Mesh, Options, Scene, Texture, render, z_buffer,
+};
 use std::time::Instant;
 
 type Triangles = (Vec<[f32; 3]>, Vec<[u32; 3]>);
@@ -72,18 +74,18 @@ fn options(is_transparent: bool) -> Options {
 }
 
 fn on_processor(scene: &Scene, camera: &Camera) {
-    let time = |is_transparent: bool| {
+    let time = |draw: fn(&Scene, &Camera, &Options) -> Frame, is_transparent: bool| {
         median(|| {
             let start = Instant::now();
-            std::hint::black_box(render(scene, camera, &options(is_transparent)));
+            std::hint::black_box(draw(scene, camera, &options(is_transparent)));
             start.elapsed().as_secs_f64() * 1e3
         })
     };
-    println!(
-        "  processor: opaque {:.1} ms, transparent {:.1} ms",
-        time(false),
-        time(true)
-    );
+    let (plain, frame) = (time(z_buffer, false), time(render, false));
+    let ratio = frame / plain;
+    println!("  processor");
+    println!("    frame: z-buffer {plain:.1} ms, A-buffer {frame:.1} ms, {ratio:.1} times");
+    println!("    transparent frame: {:.1} ms", time(render, true));
 }
 
 #[cfg(feature = "gpu")]
@@ -93,6 +95,7 @@ fn on_device(scene: &Scene, camera: &Camera) {
         Ok(gpu) => gpu,
         Err(fault) => return println!("  {fault}"),
     };
+    println!("  {}", gpu.name());
     let mut yardstick = gpu.yardstick();
     let mut time = |work, is_transparent| {
         let options = options(is_transparent);
@@ -101,18 +104,46 @@ fn on_device(scene: &Scene, camera: &Camera) {
             made.expect("a frame of this size fits").0
         })
     };
+    let update = time(Work::Update, false);
+    println!("    update, without waiting for the device: {update:.3} ms");
     let [plain, lists] = [Work::Plain, Work::Lists].map(|w| time(w, false));
-    println!(
-        "  device: z-buffer {plain:.1} ms, A-buffer {lists:.1} ms: {:.1} times",
-        lists / plain
-    );
+    let ratio = lists / plain;
+    println!("    no light: z-buffer {plain:.1} ms, A-buffer {lists:.1} ms, {ratio:.1} times");
     let [plain, frame] = [Work::PlainFrame, Work::Frame].map(|w| time(w, false));
-    println!(
-        "    with light: {plain:.1} ms, {frame:.1} ms: {:.1} times; transparent {:.1} ms",
-        frame / plain,
-        time(Work::Frame, true)
-    );
-    println!("    on {}", gpu.name());
+    let ratio = frame / plain;
+    println!("    frame: z-buffer {plain:.1} ms, A-buffer {frame:.1} ms, {ratio:.1} times");
+    println!("    transparent frame: {:.1} ms", time(Work::Frame, true));
+}
+
+/// The cells of a simulation mesh of usual size.
+const N_CELLS: u32 = 4000;
+
+/// The bone as what moves with cells; here all of them stand still.
+fn skin((positions, triangles): &Triangles) -> (Skin, Vec<MovedCell>) {
+    let anchor = |(v, p): (u32, &[f32; 3])| {
+        let [x, y, z] = p.map(|c| (c + 60.0) / 240.0);
+        Anchor {
+            cell: v.wrapping_mul(2_654_435_761) % N_CELLS,
+            weights: [1.0 - x - y - z, x, y, z],
+            wear: None,
+        }
+    };
+    let part = Part {
+        kind: Kind::Bone,
+        material: MATERIAL,
+        is_smooth: true,
+        triangles: triangles.clone(),
+    };
+    let anchors = (0u32..).zip(positions).map(anchor).collect();
+    let (low, high) = (-60.0, 180.0);
+    let cell = [
+        [low; 3],
+        [high, low, low],
+        [low, high, low],
+        [low, low, high],
+    ];
+    let skin = Skin::new(anchors, positions.clone(), vec![part]);
+    (skin, vec![cell; N_CELLS as usize])
 }
 
 fn main() {
@@ -120,20 +151,20 @@ fn main() {
     let camera = Camera::look_at([17.0, -52.0, 41.0], [0.0; 3], [0.0, 0.0, 1.0], 40.0);
     for (rings, meridians) in [(80, 128), (160, 256), (320, 512)] {
         let bone = sphere(20.0, rings, meridians);
-        let normals = vertex_normals(&bone.0, &bone.1);
-        let mesh = |kind, of: &'static Triangles, normals| Mesh {
-            kind,
-            material: MATERIAL,
-            positions: &of.0,
-            rest: &[],
-            normals,
-            triangles: &of.1,
-        };
+        let (skin, cells) = skin(&bone);
         println!("{} triangles", bone.1.len() + slit.1.len());
-        let (b, s): (&'static Triangles, &'static Triangles) =
-            (Box::leak(Box::new(bone)), Box::leak(Box::new(slit.clone())));
+        let slit = Mesh {
+            kind: Kind::Kerf,
+            material: MATERIAL,
+            positions: &slit.0,
+            rest: &[],
+            normals: &[],
+            triangles: &slit.1,
+        };
         let scene = Scene {
-            meshes: vec![mesh(Kind::Bone, b, &normals), mesh(Kind::Kerf, s, &[])],
+            skins: &[skin],
+            cells: &cells,
+            meshes: vec![slit],
             background: [[0.05; 3]; 2],
         };
         on_processor(&scene, &camera);

@@ -2,7 +2,7 @@
 use crate::ambient::Seen;
 use crate::csg::{Event, walk};
 use crate::project::{Raster, ScreenTriangle, TILE, bin, project};
-use crate::raster::{Fragment, TileBounds, TileLists};
+use crate::raster::{Fragment, TileBounds, TileLists, nearest};
 use crate::scene::{Camera, Kind, Scene};
 use crate::shade::{opacity, shade, surface_at};
 use crate::vector::{V3, add, dot, scale};
@@ -68,6 +68,28 @@ struct TilePart {
 
 /// Makes a frame; the same input gives the same bits for any number of threads.
 pub fn render(scene: &Scene, camera: &Camera, options: &Options) -> Frame {
+    draw(scene, camera, options, false)
+}
+
+/// An opaque frame of all meshes by a plain z-buffer, nothing cut away: what benches hold [`render`] against.
+pub fn z_buffer(scene: &Scene, camera: &Camera, options: &Options) -> Frame {
+    let options = Options {
+        is_transparent: false,
+        ..*options
+    };
+    draw(scene, camera, &options, true)
+}
+
+fn draw(scene: &Scene, camera: &Camera, options: &Options, is_plain: bool) -> Frame {
+    let moved: Vec<_> = scene.skins.iter().map(|s| s.moved(scene.cells)).collect();
+    let of_skins = scene.skins.iter().zip(&moved);
+    let mut meshes: Vec<_> = of_skins.flat_map(|(s, moved)| s.meshes(moved)).collect();
+    meshes.extend(&scene.meshes);
+    let scene = &Scene {
+        meshes,
+        background: scene.background,
+        ..Scene::default()
+    };
     let samples = options.samples.clamp(1, 4);
     let raster = Raster {
         camera: *camera,
@@ -81,6 +103,7 @@ pub fn render(scene: &Scene, camera: &Camera, options: &Options) -> Frame {
         raster: &raster,
         triangles: &triangles,
         is_transparent: options.is_transparent,
+        is_plain,
     };
     let parts: Vec<TilePart> = bins
         .par_iter()
@@ -120,6 +143,8 @@ struct Job<'a> {
     raster: &'a Raster,
     triangles: &'a [ScreenTriangle],
     is_transparent: bool,
+    /// Whether the nearest surface is seen, whatever it means.
+    is_plain: bool,
 }
 
 impl Job<'_> {
@@ -130,16 +155,39 @@ impl Job<'_> {
             hits: Vec::with_capacity(n),
             colors: Vec::with_capacity(n),
         };
-        lists.fill(self.triangles, numbers, bounds);
+        let nearest = if self.is_plain {
+            nearest(self.triangles, numbers, bounds)
+        } else {
+            lists.fill(self.triangles, numbers, bounds);
+            Vec::new()
+        };
         for y in bounds.y[0]..bounds.y[1] {
             for x in bounds.x[0]..bounds.x[1] {
                 let place = (y - bounds.y[0]) * TILE + (x - bounds.x[0]);
-                let (hit, color) = self.sample(lists.list(place), [x, y]);
+                let (hit, color) = if self.is_plain {
+                    self.first(nearest[place], [x, y])
+                } else {
+                    self.sample(lists.list(place), [x, y])
+                };
                 part.hits.push(hit);
                 part.colors.push(color);
             }
         }
         part
+    }
+
+    /// A fragment with its normal.
+    fn first(&self, found: Option<Fragment>, at: [usize; 2]) -> (Hit, (V3, f32)) {
+        let Some(f) = found else {
+            return (Hit::default(), ([0.0; 3], 1.0));
+        };
+        let t = &self.triangles[f.triangle as usize];
+        let hit = Hit {
+            depth: f.depth,
+            triangle: f.triangle + 1,
+        };
+        let normal = surface_at(self.scene, self.raster, t, at, f.depth).normal;
+        (hit, (normal, 0.0))
     }
 
     /// The first visible fragment with its normal, or all of them blended.

@@ -15,11 +15,13 @@ mod raster;
 mod renderer;
 pub mod scene;
 mod shade;
+pub mod skin;
 mod stereo;
 mod vector;
 
 pub use annotate::Canvas;
-pub use frame::{Frame, Image, Options, render};
-pub use renderer::{Choice, Renderer};
+pub use frame::{Frame, Image, Options, render, z_buffer};
+pub use renderer::Renderer;
 pub use scene::{Camera, Kind, Material, Mesh, Scene, Texture};
+pub use skin::Skin;
 pub use stereo::{Stereo, compose};

@@ -36,6 +36,25 @@ impl TileBounds {
     }
 }
 
+/// The nearest fragment of each place of a tile, as a z-buffer keeps it.
+pub fn nearest(
+    triangles: &[ScreenTriangle],
+    numbers: &[u32],
+    bounds: TileBounds,
+) -> Vec<Option<Fragment>> {
+    let mut found: Vec<Option<Fragment>> = vec![None; TILE * TILE];
+    for &i in numbers {
+        cover(&triangles[i as usize], bounds, |place, depth| {
+            let seen = &mut found[place as usize];
+            if seen.is_none_or(|f| depth < f.depth) {
+                let triangle = i;
+                *seen = Some(Fragment { depth, triangle });
+            }
+        });
+    }
+    found
+}
+
 impl TileLists {
     /// Rasterises the triangles with these numbers and sorts what they cover.
     pub fn fill(&mut self, triangles: &[ScreenTriangle], numbers: &[u32], bounds: TileBounds) {

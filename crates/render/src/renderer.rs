@@ -4,19 +4,6 @@ use crate::frame::{Frame, Image, Options, render};
 use crate::gpu::{Fault, Gpu};
 use crate::scene::{Camera, Scene};
 
-/// Where frames are to be drawn.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub enum Choice {
-    /// On a graphics device if there is one, else on the processor. A driver that is itself a program on the processor does not
-    /// count: it was measured slower than this crate's own.
-    #[default]
-    Fastest,
-    /// On the processor.
-    Processor,
-    /// On a graphics device, or what passes for one.
-    Device,
-}
-
 /// Draws frames: on a graphics device if it has one, and whatever does not fit or fails there on the processor.
 #[derive(Default)]
 pub struct Renderer {
@@ -26,19 +13,26 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// As chosen.
+    /// On a graphics device if there is one, else on the processor. A driver that is itself a program on the processor does not
+    /// count: it was measured slower than this crate's own.
+    pub fn fastest() -> Self {
+        let mut made = Self::default();
+        made.why = made.find(true).err();
+        made
+    }
+
+    /// On the processor.
+    pub fn processor() -> Self {
+        Self::default()
+    }
+
+    /// On a graphics device, or what passes for one.
     ///
     /// # Errors
-    /// If [`Choice::Device`] cannot be had: why.
-    pub fn new(choice: Choice) -> Result<Self, String> {
-        if choice == Choice::Processor {
-            return Ok(Self::default());
-        }
+    /// Why there is none.
+    pub fn device() -> Result<Self, String> {
         let mut made = Self::default();
-        match made.find(choice == Choice::Fastest) {
-            Err(why) if choice == Choice::Device => return Err(why),
-            found => made.why = found.err(),
-        }
+        made.find(false)?;
         Ok(made)
     }
 

@@ -1,4 +1,5 @@
 //! What is to be seen, and from where.
+use crate::skin::{MovedCell, Skin};
 use crate::vector::{V3, cross, dot, scale, sub, unit};
 
 /// What a mesh means to the CSG.
@@ -67,9 +68,13 @@ pub struct Mesh<'a> {
 }
 
 /// All that is to be seen.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Scene<'a> {
-    /// In any order.
+    /// What moves with the bone's cells. Their parts come before the other meshes, in ids as in ties of depth.
+    pub skins: &'a [Skin],
+    /// The cells' moved nodes, for all skins.
+    pub cells: &'a [MovedCell],
+    /// All else, in any order.
     pub meshes: Vec<Mesh<'a>>,
     /// Colours of the background at the top and at the bottom, linear RGB.
     pub background: [[f32; 3]; 2],
@@ -107,7 +112,8 @@ impl Camera {
     /// The eye `aside` \[mm\] to the right of this one, converging at [`distance`](Self::distance).
     pub fn aside(&self, aside: f32) -> Self {
         let eye = std::array::from_fn(|k| self.eye[k] + aside * self.axes[0][k]);
-        let shift = self.shift - aside / (self.distance * self.tangent);
+        // What is straight ahead at that distance moves by so much to the other side.
+        let shift = self.shift + aside / (self.distance * self.tangent);
         Self {
             eye,
             shift,

@@ -67,12 +67,64 @@ fn anaglyph(left: [u8; 4], right: [u8; 4]) -> [u8; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Camera, Kind, Material, Mesh, Options, Scene, Texture, render};
 
     fn plain(color: [u8; 4]) -> Image {
         Image {
             width: 4,
             height: 4,
             pixels: vec![color; 16],
+        }
+    }
+
+    /// Mean column of what is seen of a square of 2 mm, `ahead` \[mm\] along +y, by an eye `aside`.
+    fn column(camera: &Camera, ahead: f32, aside: f32) -> f32 {
+        let corner = |x: f32, z: f32| [x, ahead, z];
+        let positions = [
+            corner(-1.0, -1.0),
+            corner(1.0, -1.0),
+            corner(1.0, 1.0),
+            corner(-1.0, 1.0),
+        ];
+        let square = Mesh {
+            kind: Kind::Solid,
+            material: Material {
+                color: [0.5; 3],
+                opacity: 1.0,
+                gloss: 0.0,
+                texture: Texture::Plain,
+            },
+            positions: &positions,
+            rest: &[],
+            normals: &[],
+            triangles: &[[0, 1, 2], [0, 2, 3]],
+        };
+        let scene = Scene {
+            meshes: vec![square],
+            ..Scene::default()
+        };
+        let options = Options {
+            width: 400,
+            height: 400,
+            samples: 1,
+            is_transparent: false,
+        };
+        let frame = render(&scene, &camera.aside(aside), &options);
+        let seen: Vec<usize> = (0..frame.ids.len()).filter(|i| frame.ids[*i] > 0).collect();
+        seen.iter().map(|i| (i % 400) as f32).sum::<f32>() / seen.len() as f32
+    }
+
+    #[test]
+    fn both_eyes_see_at_the_same_place_what_is_where_they_converge() {
+        let camera = Camera::look_at([0.0; 3], [0.0, 100.0, 0.0], [0.0, 0.0, 1.0], 30.0);
+        let apart = |ahead| column(&camera, ahead, -3.0) - column(&camera, ahead, 3.0);
+        assert!(apart(100.0).abs() < 0.6, "{}", apart(100.0));
+        // 6 mm apart: nearer things stand out, farther ones lie behind the screen.
+        let per_mm = 200.0 / camera.tangent;
+        for ahead in [50.0, 200.0] {
+            let expected = 6.0 * per_mm * (1.0 / ahead - 0.01);
+            let got = apart(ahead);
+            assert!((got - expected).abs() < 1.0, "{got} instead of {expected}");
         }
     }
 

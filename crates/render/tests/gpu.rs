@@ -4,6 +4,7 @@
 mod solids;
 
 use osteotome_render::gpu::{Fault, Gpu};
+use osteotome_render::skin::{Anchor, MovedCell, Part, Skin, Wear};
 use osteotome_render::{Camera, Frame, Kind, Material, Mesh, Options, Scene, Texture, render};
 use solids::Case;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
@@ -246,6 +247,7 @@ fn any_triangles_of_any_kind() {
     let scene = Scene {
         meshes: meshes.collect(),
         background: [[0.1; 3], [0.3; 3]],
+        ..Scene::default()
     };
     for eye in [[2.0, -45.0, 9.0], [1.0, -3.0, 2.0]] {
         let camera = Camera::look_at(eye, [0.0; 3], [0.0, 0.0, 1.0], 50.0);
@@ -260,4 +262,123 @@ fn any_triangles_of_any_kind() {
             is_twin("any triangles", &frame, &render(&scene, &camera, &options));
         }
     }
+}
+
+/// A tetrahedron around everything, moved by `turn` \[rad\] about z and `by` \[mm\].
+fn cell(turn: f32, by: [f32; 3]) -> MovedCell {
+    AROUND.map(|[x, y, z]| {
+        let (s, c) = turn.sin_cos();
+        [c * x - s * y + by[0], s * x + c * y + by[1], z + by[2]]
+    })
+}
+
+const AROUND: [[f32; 3]; 4] = [
+    [-60.0, -60.0, -60.0],
+    [180.0, -60.0, -60.0],
+    [-60.0, 180.0, -60.0],
+    [-60.0, -60.0, 180.0],
+];
+
+/// Two halves of a sphere, each with its cell, and a wall in each that wears.
+fn halves(n: u32) -> Skin {
+    let shape = solids::sphere(20.0, n);
+    let (mut anchors, mut rest) = (Vec::new(), Vec::new());
+    let mut parts = Vec::new();
+    let material = |texture| Material {
+        color: [0.6, 0.5, 0.4],
+        opacity: 0.3,
+        gloss: 0.2,
+        texture,
+    };
+    for side in 0..2u32 {
+        let first = rest.len() as u32;
+        for p in &shape.positions {
+            // Shape functions of a corner tetrahedron of 240 mm.
+            let [x, y, z] = p.map(|c| (c + 60.0) / 240.0);
+            anchors.push(Anchor {
+                cell: side,
+                weights: [1.0 - x - y - z, x, y, z],
+                wear: None,
+            });
+            rest.push(*p);
+        }
+        let is_here = |t: &&[u32; 3]| {
+            let x: f32 = t.iter().map(|v| shape.positions[*v as usize][0]).sum();
+            (x > 0.0) == (side == 1)
+        };
+        let triangles = shape.triangles.iter().filter(is_here);
+        parts.push(Part {
+            kind: Kind::Bone,
+            material: material(Texture::Cortical),
+            is_smooth: true,
+            triangles: triangles.map(|t| t.map(|v| v + first)).collect(),
+        });
+    }
+    let first = rest.len() as u32;
+    for side in 0..2u32 {
+        let into = [[-1.0, 0.0, 0.0], [2.0, 0.0, 0.0]][side as usize];
+        for (k, [y, z]) in [[-9.0, -9.0], [9.0, -9.0], [0.0, 9.0]]
+            .into_iter()
+            .enumerate()
+        {
+            let [x, y1, z1] = [0.0f32, y, z].map(|c| (c + 60.0) / 240.0);
+            anchors.push(Anchor {
+                cell: side,
+                weights: [1.0 - x - y1 - z1, x, y1, z1],
+                wear: Some(Wear::new(first + 3 * (1 - side) + k as u32, into)),
+            });
+            rest.push([0.0, y, z]);
+        }
+    }
+    parts.push(Part {
+        kind: Kind::Solid,
+        material: material(Texture::Broken),
+        is_smooth: false,
+        triangles: vec![
+            [first, first + 1, first + 2],
+            [first + 3, first + 5, first + 4],
+        ],
+    });
+    Skin::new(anchors, rest, parts)
+}
+
+#[test]
+fn skins_move_with_their_cells_and_stay_on_the_device() {
+    let Some(mut gpu) = shared() else { return };
+    let camera = Camera::look_at([17.0, -62.0, 41.0], [0.0; 3], [0.0, 0.0, 1.0], 40.0);
+    let options = Options {
+        width: 320,
+        height: 180,
+        samples: 1,
+        is_transparent: false,
+    };
+    let skins = [[halves(3)], [halves(2)]];
+    let case = solids::many_shells();
+    let others = case.scene().meshes;
+    let mut seen = Vec::new();
+    for (skin, apart, n_others) in [
+        (0, 0.0, 0),
+        (0, 1.0, 0),
+        (0, 5.0, 2),
+        (1, 5.0, 1),
+        (0, 5.0, 25),
+    ] {
+        let cells = [
+            cell(-0.02 * apart, [-apart, 0.0, 0.5]),
+            cell(0.03 * apart, [apart, 1.0, 0.0]),
+        ];
+        let scene = Scene {
+            skins: &skins[skin],
+            cells: &cells,
+            // Well behind, so that what moves is seen.
+            meshes: others[25 - n_others..].to_vec(),
+            background: [[0.1; 3]; 2],
+        };
+        let frame = gpu.frame(&scene, &camera, &options).unwrap();
+        is_twin("skins", &frame, &render(&scene, &camera, &options));
+        seen.push(frame);
+    }
+    assert!(difference(&seen[0], &seen[1]) > 0.01, "nothing has moved");
+    let parts = |frame: &Frame| (1..=3).all(|id| frame.ids.contains(&id));
+    assert!(parts(&seen[1]), "not all parts are seen");
 }

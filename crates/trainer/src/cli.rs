@@ -270,9 +270,12 @@ pub struct RenderArgs {
     /// For two eyes
     #[arg(long, value_enum, value_name = "MODE")]
     pub stereo: Option<StereoMode>,
-    /// Draws on the processor (so far the only way: graphics cards are not used yet)
-    #[arg(long)]
+    /// Draws on the processor, even where there is a graphics card
+    #[arg(long, conflicts_with = "gpu")]
     pub cpu: bool,
+    /// Draws through Vulkan, also where its driver is a program on the processor
+    #[arg(long)]
+    pub gpu: bool,
     /// The picture (PNG)
     #[arg(short, value_name = "FILE.png", required_unless_present = "video")]
     pub output: Option<PathBuf>,

@@ -16,6 +16,7 @@ use crate::talk::{self, Progress};
 use crate::verify::Comparison;
 use anyhow::{Context, Result, anyhow};
 use osteotome_devices::{Binding, LinkedDevice};
+use osteotome_render::Renderer;
 use std::path::{Path, PathBuf};
 
 /// `demo`: the shipped scenario in real time; a split that does not complete is a failure.
@@ -221,12 +222,17 @@ pub struct Ended {
     outcome: Outcome,
     document: MetricsDocument,
     score: Option<Score>,
+    /// Where its pictures were drawn.
+    drawn_on: Option<String>,
 }
 
 fn tell(ended: &Ended, out: &Path) {
     talk::say(&talk::summary(&ended.outcome));
     if let Some(score) = &ended.score {
         talk::say(&talk::score(score));
+    }
+    if let Some(place) = &ended.drawn_on {
+        talk::say(&format!("Pictures drawn on {place}"));
     }
     talk::say(&format!("Session: {}", out.display()));
 }
@@ -398,6 +404,7 @@ pub fn keep_session(
             outcome: metrics.outcome(),
             document: metrics.document(),
             score: None,
+            drawn_on: None,
             metrics,
         };
         // A session is worth keeping without its debrief.
@@ -450,20 +457,24 @@ fn look_back(
     let html = page(&subject, None, &[]).context("the debrief page")?;
     folder.write("report.html", &html)?;
     ended.score = Some(score);
-    pictures(prepared, folder.path(), &recording, watch)
+    ended.drawn_on = Some(pictures(prepared, folder.path(), &recording, watch)?);
+    Ok(())
 }
 
-/// Draws the session that `folder` holds.
+/// Draws the session that `folder` holds; says where they were drawn.
 fn pictures(
     prepared: &Prepared,
     folder: &Path,
     recording: &Recording,
     watch: &mut dyn FnMut(Advance),
-) -> Result<()> {
+) -> Result<String> {
     let mut progress = |done: usize, of: usize| watch(Advance::Drawing { done, of });
     let mut stage = picture::Stage::new(prepared, recording)?;
-    write_pictures(&mut stage, &folder.join("pictures"), &mut progress)
-        .context("the pictures of the session")
+    let mut renderer = Renderer::fastest();
+    let pictures = folder.join("pictures");
+    write_pictures(&mut stage, &mut renderer, &pictures, &mut progress)
+        .context("the pictures of the session")?;
+    Ok(renderer.place())
 }
 
 fn json(document: &MetricsDocument) -> Result<String> {

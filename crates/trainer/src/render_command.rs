@@ -5,6 +5,7 @@ use crate::picture::{Finish, Stage, Video, write_png};
 use crate::session::Recording;
 use crate::talk::{self, Progress};
 use anyhow::{Context, Result, anyhow, bail};
+use osteotome_render::Renderer;
 use std::path::Path;
 
 /// A picture at one time, or a film of the whole session.
@@ -27,6 +28,7 @@ pub fn render(args: &RenderArgs) -> Result<(), Failure> {
             "--size {w}x{h}: a film needs even numbers"
         )));
     }
+    let mut renderer = renderer(args).map_err(Failure::Work)?;
     let film = args
         .video
         .as_deref()
@@ -38,8 +40,8 @@ pub fn render(args: &RenderArgs) -> Result<(), Failure> {
         .with_context(named)
         .map_err(Failure::Input)?;
     let work = match film {
-        Some(film) => shoot(&mut stage, args, film, seconds),
-        None => picture(&mut stage, args),
+        Some(film) => shoot(&mut stage, &mut renderer, args, film, seconds),
+        None => picture(&mut stage, &mut renderer, args),
     };
     work.with_context(named).map_err(Failure::Work)
 }
@@ -52,30 +54,56 @@ fn finish(args: &RenderArgs) -> Finish {
     }
 }
 
-fn picture(stage: &mut Stage, args: &RenderArgs) -> Result<()> {
+fn renderer(args: &RenderArgs) -> Result<Renderer> {
+    if args.gpu {
+        return Renderer::device()
+            .map_err(|why| anyhow!("--gpu: {why}; without --gpu the processor draws"));
+    }
+    Ok(if args.cpu {
+        Renderer::processor()
+    } else {
+        Renderer::fastest()
+    })
+}
+
+fn picture(stage: &mut Stage, renderer: &mut Renderer, args: &RenderArgs) -> Result<()> {
     let (Some(at), Some(path)) = (args.at, &args.output) else {
         bail!("--at and -o go together");
     };
     let moment = stage.at(at, args.apart)?;
     let camera = stage.camera(args.view, args.size[0] as f64 / args.size[1] as f64);
-    write_png(path, &finish(args).print(&moment, &camera, ""))?;
-    talk::say(&format!("Picture: {}", path.display()));
+    let image = finish(args).print(renderer, &moment, &camera, "");
+    write_png(path, &image)?;
+    talk::say(&format!(
+        "Picture: {}, drawn on {}",
+        path.display(),
+        renderer.place()
+    ));
     Ok(())
 }
 
-fn shoot(stage: &mut Stage, args: &RenderArgs, mut film: Video, seconds: f64) -> Result<()> {
+fn shoot(
+    stage: &mut Stage,
+    renderer: &mut Renderer,
+    args: &RenderArgs,
+    mut film: Video,
+    seconds: f64,
+) -> Result<()> {
     let n = (seconds * f64::from(Video::RATE)).ceil().max(1.0) as u64;
     let camera = stage.camera(args.view, args.size[0] as f64 / args.size[1] as f64);
     let mut bar = Progress::new("Filming", n);
     for k in 0..n {
         let time = k as f64 / f64::from(Video::RATE);
         let moment = stage.at(time.min(seconds), args.apart)?;
-        film.push(&finish(args).print(&moment, &camera, ""))?;
+        film.push(&finish(args).print(renderer, &moment, &camera, ""))?;
         bar.set(k + 1, format!("{time:.1} s"));
     }
     film.finish()?;
     bar.done();
-    talk::say(&format!("Film of {n} frames."));
+    talk::say(&format!(
+        "Film of {n} frames, drawn on {}",
+        renderer.place()
+    ));
     Ok(())
 }
 

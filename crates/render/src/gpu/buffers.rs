@@ -28,13 +28,14 @@ impl Growing {
         Self::new(name, Usage::STORAGE | Usage::COPY_DST | Usage::COPY_SRC)
     }
 
-    /// Makes room for so many bytes, rounded up to whole words; what was there may be lost.
-    pub fn reserve(&mut self, device: &Device, bytes: usize) -> Result<(), Fault> {
+    /// Makes room for so many bytes, rounded up to whole words; says whether what was there is lost.
+    pub fn reserve(&mut self, device: &Device, bytes: usize) -> Result<bool, Fault> {
         let bytes = (bytes as u64).next_multiple_of(4).max(64);
         if bytes > device.most_bytes {
             return Err(Fault::TooLarge);
         }
-        if self.buffer.as_ref().is_none_or(|b| b.size() < bytes) {
+        let is_small = self.buffer.as_ref().is_none_or(|b| b.size() < bytes);
+        if is_small {
             let size = (bytes + bytes / 2)
                 .next_multiple_of(4)
                 .min(device.most_bytes & !3);
@@ -46,7 +47,7 @@ impl Growing {
                 mapped_at_creation: false,
             }));
         }
-        Ok(())
+        Ok(is_small)
     }
 
     /// Makes room and writes.
@@ -55,12 +56,18 @@ impl Growing {
         device: &Device,
         data: &[T],
     ) -> Result<(), Fault> {
-        let bytes: &[u8] = bytemuck::cast_slice(data);
-        self.reserve(device, bytes.len())?;
-        if !bytes.is_empty() {
-            device.queue.write_buffer(self.get(), 0, bytes);
-        }
+        self.reserve(device, size_of_val(data))?;
+        self.write_from(device, 0, data);
         Ok(())
+    }
+
+    /// Writes behind so many elements; room has been made before.
+    pub fn write_from<T: bytemuck::NoUninit>(&self, device: &Device, first: usize, data: &[T]) {
+        let offset = (first * size_of::<T>()) as u64;
+        if !data.is_empty() {
+            let bytes = bytemuck::cast_slice(data);
+            device.queue.write_buffer(self.get(), offset, bytes);
+        }
     }
 
     /// The buffer; room has been made before.

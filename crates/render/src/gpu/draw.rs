@@ -2,6 +2,7 @@
 use super::Gpu;
 use super::buffers::Growing;
 use super::device::{Device, Fault};
+use super::geometry::Geometry;
 use super::lists::{Bands, LINE, NODE, Room};
 use super::passes::{UNWRITTEN, bind, run, target};
 use crate::frame::{Frame, Image, Options};
@@ -118,6 +119,12 @@ impl Buffers {
     }
 }
 
+/// Groups of 64 across and down for so many elements.
+fn of_64(n: u32) -> [u32; 2] {
+    let groups = n.div_ceil(64);
+    [groups.min(4096), groups.div_ceil(4096)]
+}
+
 impl Readback {
     fn words(self) -> usize {
         self.n_bands + self.n_pixels + 2 * self.n_hits
@@ -142,7 +149,7 @@ impl Job<'_> {
     }
 
     /// `Frame` of frame.wgsl.
-    pub fn uniforms(&self, n_vertices: u32, band: Band) -> [u32; 32] {
+    pub fn uniforms(&self, geometry: &Geometry, band: Band) -> [u32; 36] {
         let c = &self.raster.camera;
         let row = |v: [f32; 3], w: u32| [v[0].to_bits(), v[1].to_bits(), v[2].to_bits(), w];
         let [right, up, forward] = c.axes;
@@ -154,7 +161,7 @@ impl Job<'_> {
             row(right, c.shift.to_bits()),
             row(up, c.distance.to_bits()),
             row(forward, NEAR.to_bits()),
-            row(top, n_vertices),
+            row(top, geometry.n_vertices),
             row(bottom, u32::from(self.options.is_transparent)),
             [w, h, samples, band.start],
             [
@@ -163,6 +170,7 @@ impl Job<'_> {
                 self.room.spill(self.bands),
                 self.room.capacity(self.bands),
             ],
+            [geometry.n_anchored, 0, 0, 0],
         ];
         std::array::from_fn(|k| rows[k / 4][k % 4])
     }
@@ -175,7 +183,7 @@ impl Gpu {
         self.buffers
             .reserve(device, job, self.geometry.n_vertices)?;
         for (k, band) in job.bands().enumerate() {
-            let uniforms = job.uniforms(self.geometry.n_vertices, band);
+            let uniforms = job.uniforms(&self.geometry, band);
             self.buffers.uniforms.write(device, &uniforms)?;
             let mut encoder = device.device.create_command_encoder(&Default::default());
             if k == 0 {
@@ -191,16 +199,40 @@ impl Gpu {
         self.read(job)
     }
 
-    /// Vertices into clip space.
+    /// Vertices to where the cells have moved them, and into clip space.
     pub fn project(&self, encoder: &mut CommandEncoder) {
         let (b, g) = (&self.buffers, &self.geometry);
+        if g.n_anchored > 0 {
+            let buffers = [
+                (0, b.uniforms.get()),
+                (1, g.positions.get()),
+                (2, g.anchors.get()),
+                (3, g.cells.get()),
+            ];
+            let groups = of_64(g.n_anchored);
+            run(&self.device, encoder, &self.passes.deform, &buffers, groups);
+            let buffers = [
+                (0, b.uniforms.get()),
+                (1, g.positions.get()),
+                (2, g.anchors.get()),
+                (4, g.attributes.get()),
+                (5, g.triangles.get()),
+                (6, g.incident.get()),
+            ];
+            run(
+                &self.device,
+                encoder,
+                &self.passes.normals,
+                &buffers,
+                groups,
+            );
+        }
         let buffers = [
             (0, b.uniforms.get()),
             (1, g.positions.get()),
             (2, b.clip.get()),
         ];
-        let groups = g.n_vertices.div_ceil(64);
-        let groups = [groups.min(4096), groups.div_ceil(4096)];
+        let groups = of_64(g.n_vertices);
         run(
             &self.device,
             encoder,

@@ -3,6 +3,7 @@ use super::device::Device;
 use wgpu::{BindGroup, Buffer, ComputePipeline, RenderPipeline, ShaderModule};
 
 pub const FRAME: &str = include_str!("shaders/frame.wgsl");
+const DEFORM: &str = include_str!("shaders/deform.wgsl");
 const PROJECT: &str = include_str!("shaders/project.wgsl");
 const APPEND: &str = include_str!("shaders/append.wgsl");
 const SURFACE: &str = include_str!("shaders/surface.wgsl");
@@ -15,6 +16,9 @@ const AVERAGE: &str = include_str!("shaders/average.wgsl");
 
 /// Everything that is compiled once.
 pub struct Passes {
+    /// Skins: where their vertices are, and their normals.
+    pub deform: ComputePipeline,
+    pub normals: ComputePipeline,
     pub project: ComputePipeline,
     pub append: RenderPipeline,
     /// Opaque frames: what is seen first, and its light.
@@ -32,6 +36,8 @@ impl Passes {
     pub fn new(device: &Device) -> Self {
         let compute = |entry, parts: &[&str]| compute(device, &module(device, parts), entry);
         Self {
+            deform: compute("deform", &[FRAME, DEFORM]),
+            normals: compute("normals", &[FRAME, DEFORM]),
             project: compute("project", &[FRAME, PROJECT]),
             append: append(device, &module(device, &[FRAME, APPEND])),
             first: compute("first", &[FRAME, WALK, FIRST]),

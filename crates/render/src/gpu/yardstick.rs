@@ -18,6 +18,9 @@ const DEPTH: TextureFormat = TextureFormat::Depth32Float;
 /// What is timed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Work {
+    /// What the processor does for a skin from frame to frame: the moved cells are sent, and the device is told to move vertices
+    /// and normals. Not until it has done so.
+    Update,
     /// Projection, lists and walk.
     Lists,
     /// The same with light, to a picture in memory.
@@ -64,13 +67,19 @@ impl Gpu {
         self.buffers
             .reserve(&self.device, &job, self.geometry.n_vertices)?;
         let band = job.bands().next().ok_or(Fault::TooLarge)?;
-        let uniforms = job.uniforms(self.geometry.n_vertices, band);
+        let uniforms = job.uniforms(&self.geometry, band);
         self.buffers.uniforms.write(&self.device, &uniforms)?;
         let mut encoder = self
             .device
             .device
             .create_command_encoder(&Default::default());
         self.project(&mut encoder);
+        if work == Work::Update {
+            self.device.queue.submit([encoder.finish()]);
+            let taken = ms(start);
+            self.device.wait()?;
+            return Ok((taken, None));
+        }
         if work == Work::Lists {
             self.append(&mut encoder, &job, band);
             self.resolve(&mut encoder, &job, band, 0);

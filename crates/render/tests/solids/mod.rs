@@ -2,15 +2,16 @@
 //!
 //! The oracle follows each ray through all surfaces that it meets, in closed form, and asks of every stretch between two of
 //! them whether it lies in the solid: the first change is what must be seen.
+#![allow(dead_code)] // not every test that shares this looks at all of it
 use osteotome_render::{Camera, Frame, Kind, Material, Mesh, Options, Scene, Texture};
 use std::collections::HashMap;
 
 type P = [f64; 3];
 
 #[derive(Clone, Default)]
-struct Shape {
-    positions: Vec<[f32; 3]>,
-    triangles: Vec<[u32; 3]>,
+pub struct Shape {
+    pub positions: Vec<[f32; 3]>,
+    pub triangles: Vec<[u32; 3]>,
 }
 
 impl Shape {
@@ -37,7 +38,7 @@ impl Shape {
 }
 
 /// 20 x 4^n triangles, corners on the sphere.
-fn sphere(radius: f64, n: u32) -> Shape {
+pub fn sphere(radius: f64, n: u32) -> Shape {
     let t = (1.0 + 5.0f64.sqrt()) / 2.0;
     let mut points: Vec<P> = Vec::new();
     for s in [-1.0, 1.0] {
@@ -225,6 +226,7 @@ impl Case {
         Scene {
             meshes: meshes.collect(),
             background: [[0.1; 3]; 2],
+            ..Scene::default()
         }
     }
 
@@ -239,7 +241,6 @@ impl Case {
     }
 
     /// Gives the meshes other looks.
-    #[allow(dead_code)] // not every test that shares this looks at it
     pub fn scene_with(&self, texture: Texture, gloss: f32) -> Scene<'_> {
         let mut scene = self.scene();
         for mesh in &mut scene.meshes {
@@ -409,7 +410,6 @@ pub fn bent_crack() -> Case {
 }
 
 /// So many spheres in each other, each bone of its own, with a slit: rays meet more than a short list holds.
-#[allow(dead_code)] // not every test that shares this looks at it
 pub fn many_shells() -> Case {
     let mut case = sphere_minus_prism();
     let shells = (0..24).map(|k| (Kind::Bone, sphere(20.0 - 0.7 * f64::from(k), 3)));

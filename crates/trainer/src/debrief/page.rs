@@ -10,6 +10,7 @@ use crate::engine::Prepared;
 use crate::picture::{Stage, shots};
 use crate::session::{Loop, Recording};
 use anyhow::Result;
+use osteotome_render::Renderer;
 use serde::Serialize;
 
 /// A session in figures, for comparison and learning curve.
@@ -239,11 +240,13 @@ pub fn page(s: &Subject, reference: Option<&Figures>, curve: &[Figures]) -> Resu
         canal.map(|c| &c.line[..]),
     )?;
     let mut stage = Stage::new(s.prepared, recording)?;
-    let shots = shots(&mut stage)?.into_iter().map(|shot| ShotOnPage {
-        title: shot.title.to_owned(),
-        time: shot.time,
-        png: base64(&shot.png),
-    });
+    let shots = shots(&mut stage, &mut Renderer::fastest())?
+        .into_iter()
+        .map(|shot| ShotOnPage {
+            title: shot.title.to_owned(),
+            time: shot.time,
+            png: base64(&shot.png),
+        });
     let data = Page {
         title: &scenario.name,
         version: env!("CARGO_PKG_VERSION"),

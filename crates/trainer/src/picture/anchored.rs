@@ -1,6 +1,7 @@
 //! Vertices that move with the bone's cells: the paper's geometric mapping (section 4.1) for what is drawn.
 use osteotome_mechanics::crack::{Cell, CrackedBody, Sheet, cut_area};
 use osteotome_mechanics::geometry::{TriMesh, Vec3};
+use osteotome_render::skin::{self as render, MovedCell, Part, Skin as Drawn, Wear};
 use std::collections::HashMap;
 
 /// A point's place in the bone: its cell (tetrahedron and side) and the shape functions there.
@@ -31,15 +32,27 @@ impl Skin {
         self.anchors.len() as u32 - 1
     }
 
-    /// Where the vertices are.
-    pub fn positions(&self, moved: &[[Vec3; 4]]) -> Vec<[f32; 3]> {
-        let at = |a: &Anchor| -> [f32; 3] {
-            let nodes = &moved[a.cell as usize];
-            let p: Vec3 = (0..4).map(|k| nodes[k] * a.weights[k]).sum();
-            p.cast::<f32>().into()
-        };
-        self.anchors.iter().map(at).collect()
+    /// For the renderer.
+    pub fn drawn(&self, parts: Vec<Part>) -> Drawn {
+        self.drawn_with(parts, |_| None)
     }
+
+    /// The same with what vertices lose where faces rub.
+    pub fn drawn_with(&self, parts: Vec<Part>, wear: impl Fn(usize) -> Option<Wear>) -> Drawn {
+        let anchor = |(v, a): (usize, &Anchor)| render::Anchor {
+            cell: a.cell,
+            weights: a.weights.map(|w| w as f32),
+            wear: wear(v),
+        };
+        let anchors = self.anchors.iter().enumerate().map(anchor);
+        Drawn::new(anchors.collect(), self.rest.clone(), parts)
+    }
+}
+
+/// Moved cells for the renderer.
+pub fn drawn_cells(moved: &[[Vec3; 4]]) -> Vec<MovedCell> {
+    let one = |nodes: &[Vec3; 4]| nodes.map(|p| p.cast::<f32>().into());
+    moved.iter().map(one).collect()
 }
 
 /// Deformed positions of each cell's virtual nodes: D_T of the paper's equation 7.

@@ -7,6 +7,7 @@
 use super::anchored::{Anchor, SawCuts, Skin, piece_of, sawn_part, tet_at};
 use osteotome_mechanics::crack::{Cell, CrackedBody, Sheet};
 use osteotome_mechanics::geometry::{NO_TET, SignedDistance, TET_EDGES, TET_FACES, TriMesh, Vec3};
+use osteotome_render::skin::{Part, Skin as Drawn, Wear};
 use std::collections::{BTreeMap, HashMap};
 
 /// The sawn part of all sheets as closed volumes.
@@ -91,23 +92,22 @@ pub struct GapSkin {
     pub parting: HashMap<u32, Vec<[Vec3; 3]>>,
 }
 
-/// Faces that have moved far against each other have lost this much bone each \[mm\]: crumbs, and the misfit of lips and walls
-/// that would else hang as threads between them. Reached where they have moved by [`WORN`] \[mm\].
-const CRUMBS: f64 = 0.4;
-const WORN: f64 = 2.0;
-
 impl GapSkin {
-    /// Where the vertices are.
-    pub fn positions(&self, moved: &[[Vec3; 4]]) -> Vec<[f32; 3]> {
-        let at = self.skin.positions(moved);
-        let apart = |(p, (other, into)): (&[f32; 3], &(u32, Vec3))| {
-            let p = Vec3::from(p.map(f64::from));
-            let way = p - Vec3::from(at[*other as usize].map(f64::from));
-            let lost = CRUMBS * (way.norm() / WORN).min(1.0);
-            let into = into.try_normalize(1e-12).unwrap_or_default();
-            (p + into * lost).cast::<f32>().into()
-        };
-        at.iter().zip(&self.opposite).map(apart).collect()
+    /// For the renderer: where faces rub, crumbs come off.
+    pub fn drawn(&self, parts: Vec<Part>) -> Drawn {
+        self.skin.drawn_with(parts, |v| {
+            let (opposite, into) = &self.opposite[v];
+            let is_face = *opposite as usize != v;
+            is_face.then(|| {
+                Wear::new(
+                    *opposite,
+                    into.try_normalize(1e-12)
+                        .unwrap_or_default()
+                        .cast::<f32>()
+                        .into(),
+                )
+            })
+        })
     }
 }
 

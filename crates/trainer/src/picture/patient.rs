@@ -67,6 +67,7 @@ fn picture(
     let scene = Scene {
         meshes: props.iter().map(Prop::mesh).collect(),
         background: look::BACKGROUND,
+        ..Scene::default()
     };
     let camera = view.of_whole(&patient.surface.bounds(), width as f64 / height as f64);
     let options = Options {

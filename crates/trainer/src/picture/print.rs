@@ -1,9 +1,10 @@
 //! From a moment to a picture: frame, captions, file.
 use super::look::LOAD_LETTERS;
 use super::stage::Moment;
+use crate::scenario::Eyes;
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
-use osteotome_render::{Camera, Canvas, Image, Options, Stereo, compose, render};
+use osteotome_render::{Camera, Canvas, Image, Options, Renderer, Stereo, compose};
 use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -39,7 +40,13 @@ const EYES: f32 = 1.0 / 30.0;
 
 impl Finish {
     /// Makes the picture.
-    pub fn print(&self, moment: &Moment, camera: &Camera, title: &str) -> Image {
+    pub fn print(
+        &self,
+        renderer: &mut Renderer,
+        moment: &Moment,
+        camera: &Camera,
+        title: &str,
+    ) -> Image {
         let [width, height] = self.size;
         let options = Options {
             width,
@@ -48,23 +55,33 @@ impl Finish {
             is_transparent: self.is_transparent,
         };
         let scene = moment.scene();
-        let eye = |camera: &Camera| {
-            let mut image = render(&scene, camera, &options).image;
+        let mut eye = |camera: &Camera| {
+            let mut image = renderer.image(&scene, camera, &options);
             annotate(&mut image, camera, moment, title);
             image
         };
         let Some(stereo) = self.stereo else {
             return eye(camera);
         };
-        let [left, right] = eyes(camera).each_ref().map(eye);
+        let [left, right] = eyes(camera, moment.eyes()).each_ref().map(eye);
         stereo.join(&left, &right)
     }
 }
 
 /// The left and the right eye of an observer at `camera`.
-pub fn eyes(camera: &Camera) -> [Camera; 2] {
-    let aside = 0.5 * EYES * camera.distance;
-    [-aside, aside].map(|a| camera.aside(a))
+pub fn eyes(camera: &Camera, wanted: Eyes) -> [Camera; 2] {
+    let convergence = wanted.convergence.map_or(camera.distance, |mm| mm as f32);
+    let separation = wanted.eye_separation.map(|mm| mm as f32);
+    let aside = 0.5 * separation.unwrap_or(EYES * convergence);
+    let converging = Camera {
+        distance: convergence,
+        ..*camera
+    };
+    [-aside, aside].map(|a| Camera {
+        // Where a scale bar is right.
+        distance: camera.distance,
+        ..converging.aside(a)
+    })
 }
 
 impl StereoMode {
@@ -302,4 +319,28 @@ fn with_suffix(path: &Path) -> PathBuf {
     let mut partial = path.as_os_str().to_owned();
     partial.push(".partial");
     partial.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn eyes_are_as_far_apart_and_converge_where_the_scenario_says() {
+        let camera = Camera::look_at([0.0; 3], [0.0, 200.0, 0.0], [0.0, 0.0, 1.0], 40.0);
+        let near = Eyes {
+            eye_separation: Some(10.0),
+            convergence: Some(120.0),
+        };
+        for (wanted, at, separation) in
+            [(Eyes::default(), 200.0, 200.0 / 30.0), (near, 120.0, 10.0)]
+        {
+            let [left, right] = eyes(&camera, wanted);
+            assert!((right.eye[0] - left.eye[0] - separation).abs() < 1e-3);
+            // Both middles of the picture meet there.
+            let shift = 0.5 * separation / (at * camera.tangent);
+            assert!((right.shift - shift).abs() < 1e-6 && (left.shift + shift).abs() < 1e-6);
+            assert_eq!(left.distance, camera.distance);
+        }
+    }
 }

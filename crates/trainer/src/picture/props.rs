@@ -13,7 +13,7 @@ pub struct Prop {
     pub material: Material,
     /// \[mm\]
     pub positions: Vec<[f32; 3]>,
-    /// Undeformed; empty if it does not deform.
+    /// Where textures are: positions in the prop's own frame; empty: where it is.
     pub rest: Vec<[f32; 3]>,
     /// Empty for flat triangles.
     pub normals: Vec<[f32; 3]>,

@@ -3,6 +3,7 @@ use super::print::{Finish, encode_png, write_png};
 use super::stage::Stage;
 use super::views::View;
 use anyhow::{Context, Result};
+use osteotome_render::Renderer;
 use std::path::Path;
 
 /// A moment worth a picture.
@@ -25,6 +26,7 @@ const SIZE: [usize; 2] = [1280, 720];
 /// A recording that does not fit the bone, or whatever the file system says.
 pub fn write_pictures(
     stage: &mut Stage,
+    renderer: &mut Renderer,
     folder: &Path,
     progress: &mut dyn FnMut(usize, usize),
 ) -> Result<()> {
@@ -40,7 +42,7 @@ pub fn write_pictures(
                 is_transparent,
                 stereo: None,
             };
-            let image = finish.print(&moment, &camera, scene.title);
+            let image = finish.print(renderer, &moment, &camera, scene.title);
             let suffix = if is_transparent { "_transparent" } else { "" };
             write_png(&folder.join(format!("{}{suffix}.png", scene.file)), &image)?;
             progress(2 * k + j + 1, n);
@@ -63,7 +65,7 @@ pub struct Shot {
 ///
 /// # Errors
 /// A recording that does not fit the bone.
-pub fn shots(stage: &mut Stage) -> Result<Vec<Shot>> {
+pub fn shots(stage: &mut Stage, renderer: &mut Renderer) -> Result<Vec<Shot>> {
     const SMALL: [usize; 2] = [800, 450];
     let moments = scenes(stage);
     let finish = Finish {
@@ -77,7 +79,7 @@ pub fn shots(stage: &mut Stage) -> Result<Vec<Shot>> {
         Ok(Shot {
             title: scene.title,
             time: scene.time,
-            png: encode_png(&finish.print(&moment, &camera, scene.title))?,
+            png: encode_png(&finish.print(renderer, &moment, &camera, scene.title))?,
         })
     };
     moments.iter().map(&mut shoot).collect()

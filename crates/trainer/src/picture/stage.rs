@@ -1,19 +1,21 @@
 //! The scene at any time of a session.
-use super::anchored::{Anchor, Skin, moved_cells, piece_of, tet_at};
+use super::anchored::{Anchor, Skin, drawn_cells, moved_cells, piece_of, tet_at};
 use super::bone_skin::{BoneSkin, Places, bone_skin};
 use super::crack_skin::{GapSkin, broken_sheets, gap_skin, kerf_skin};
 use super::props::{Prop, chisel, load};
 use super::restore::Restored;
 use super::{look, views::View};
 use crate::engine::Prepared;
-use crate::scenario::Scenario;
+use crate::scenario::{Eyes, Scenario};
 use crate::session::{BoneSample, GrowthSample, HandSample, Recording};
 use anyhow::{Context, Result, bail};
 use osteotome_mechanics::crack::CrackedBody;
 use osteotome_mechanics::geometry::Vec3;
 use osteotome_mechanics::tool::{Chisel, ChiselParameters};
-use osteotome_render::{Kind, Material, Scene, scene::vertex_normals};
+use osteotome_render::skin::{MovedCell, Part, Skin as Drawn};
+use osteotome_render::{Kind, Scene};
 use std::borrow::Borrow;
+use std::sync::Arc;
 
 /// A recorded session ready to be looked at.
 pub struct Stage<'a> {
@@ -28,8 +30,16 @@ pub struct Scenery<'a> {
     chisels: [Chisel; 2],
     places: Places,
     restored: Restored,
-    /// The skins of the generation last shown.
-    skins: Option<(usize, Skins)>,
+    /// The generation last shown.
+    shown: Option<Shown>,
+}
+
+/// A generation's skins.
+struct Shown {
+    generation: usize,
+    skins: Skins,
+    /// The same for the renderer; pictures of a moment may outlive the generation.
+    drawn: Arc<[Drawn]>,
 }
 
 /// What is to be shown of a session.
@@ -66,10 +76,14 @@ pub struct Moment {
     pub time: f64,
     /// Load of each hand on the bone: force \[N\] and torque \[N mm\].
     pub loads: [[f64; 2]; 2],
-    /// The meshes.
-    pub props: Vec<Prop>,
+    /// What moves with the bone, and the cells that move it.
+    skins: Arc<[Drawn]>,
+    cells: Vec<MovedCell>,
+    /// All else.
+    props: Vec<Prop>,
     /// The latest growth.
     pub growth: GrowthState,
+    eyes: Eyes,
 }
 
 /// The crack in figures.
@@ -82,9 +96,16 @@ pub struct GrowthState {
 }
 
 impl Moment {
+    /// How two eyes look at it.
+    pub fn eyes(&self) -> Eyes {
+        self.eyes
+    }
+
     /// For the renderer.
     pub fn scene(&self) -> Scene<'_> {
         Scene {
+            skins: &self.skins,
+            cells: &self.cells,
             meshes: self.props.iter().map(Prop::mesh).collect(),
             background: look::BACKGROUND,
         }
@@ -160,7 +181,7 @@ impl<'a> Scenery<'a> {
             chisels: [blade(0)?, blade(1)?],
             places: Places::new(body, &prepared.patient.surface),
             restored: Restored::new(body),
-            skins: None,
+            shown: None,
             prepared,
             scenario,
         })
@@ -182,16 +203,12 @@ impl<'a> Scenery<'a> {
             Some(bone) => unknowns(body, bone)?,
             None => vec![0.0; body.system.n()],
         };
-        let skins = self
-            .skins
-            .as_ref()
-            .map(|s| &s.1)
-            .context("no bone to show")?;
+        let shown = self.shown.as_ref().context("no bone to show")?;
         let mut moved = moved_cells(body, &x);
         if now.apart > 0.0 {
-            take_apart(body, &skins.gap, now.apart, &mut moved);
+            take_apart(body, &shown.skins.gap, now.apart, &mut moved);
         }
-        let mut props = skins.props(&moved);
+        let mut props = Vec::new();
         let mut loads = [[0.0; 2]; 2];
         for (i, hand) in now.hands.iter().enumerate() {
             let (force, torque) = load_on_bone(hand, self.scenario, i);
@@ -204,18 +221,29 @@ impl<'a> Scenery<'a> {
         Ok(Moment {
             time: now.time,
             loads,
+            skins: shown.drawn.clone(),
+            cells: drawn_cells(&moved),
             props,
             growth: state_of(growth.get(generation).map(Borrow::borrow)),
+            eyes: self.scenario.view,
         })
     }
 
     fn show(&mut self, generation: usize, growth: &[impl Borrow<GrowthSample>]) -> Result<()> {
-        if self.skins.as_ref().is_some_and(|s| s.0 == generation) {
+        if self
+            .shown
+            .as_ref()
+            .is_some_and(|s| s.generation == generation)
+        {
             return Ok(());
         }
         self.restored.go_to(generation, growth)?;
         let skins = Skins::of(self.restored.body(), self.prepared, &self.places);
-        self.skins = Some((generation, skins));
+        self.shown = Some(Shown {
+            generation,
+            drawn: skins.drawn().into(),
+            skins,
+        });
         Ok(())
     }
 }
@@ -321,82 +349,41 @@ impl Skins {
         }
     }
 
-    fn props(&self, moved: &[[Vec3; 4]]) -> Vec<Prop> {
-        let bone = self.bone.skin.positions(moved);
-        let normals = vertex_normals(&bone, &self.bone.skin.triangles);
-        let mut props = vec![
-            prop(
-                Kind::Bone,
-                look::CORTICAL,
-                &self.bone.skin,
-                &self.bone.skin.triangles,
-                (&bone, &normals),
-            ),
-            prop(
-                Kind::Seam,
-                look::CORTICAL,
-                &self.bone.skin,
-                &self.bone.seams,
-                (&bone, &[]),
-            ),
-        ];
-        let kerf = self.kerf.positions(moved);
-        props.push(prop(
-            Kind::Kerf,
-            look::SAWN,
-            &self.kerf,
-            &self.kerf.triangles,
-            (&kerf, &[]),
-        ));
-        let gap = &self.gap;
-        let at = gap.positions(moved);
-        let faces: Vec<[u32; 3]> = [&gap.skin.triangles[..], &gap.sawn].concat();
-        let normals = vertex_normals(&at, &faces);
-        props.extend([
-            prop(
-                Kind::Gap,
-                look::BROKEN,
-                &gap.skin,
-                &gap.skin.triangles,
-                (&at, &normals),
-            ),
-            prop(Kind::Gap, look::SAWN, &gap.skin, &gap.sawn, (&at, &normals)),
-            prop(Kind::Gap, look::BROKEN, &gap.skin, &gap.walls, (&at, &[])),
-        ]);
-        let broken = self.broken.positions(moved);
-        props.push(prop(
-            Kind::Within,
-            look::CRACK,
-            &self.broken,
-            &self.broken.triangles,
-            (&broken, &[]),
-        ));
-        let teeth = self.teeth.positions(moved);
-        let normals = vertex_normals(&teeth, &self.teeth.triangles);
-        props.push(prop(
-            Kind::Solid,
-            look::TOOTH,
-            &self.teeth,
-            &self.teeth.triangles,
-            (&teeth, &normals),
-        ));
-        props
-    }
-}
-
-fn prop(
-    kind: Kind,
-    material: Material,
-    skin: &Skin,
-    triangles: &[[u32; 3]],
-    (positions, normals): (&[[f32; 3]], &[[f32; 3]]),
-) -> Prop {
-    Prop {
-        kind,
-        material,
-        positions: positions.to_vec(),
-        rest: skin.rest.clone(),
-        normals: normals.to_vec(),
-        triangles: triangles.to_vec(),
+    /// For the renderer.
+    fn drawn(&self) -> Vec<Drawn> {
+        let (bone, gap) = (&self.bone, &self.gap);
+        let smooth = |kind, material, triangles: &[[u32; 3]]| Part {
+            kind,
+            material,
+            is_smooth: true,
+            triangles: triangles.to_vec(),
+        };
+        let flat = |kind, material, triangles: &[[u32; 3]]| Part {
+            is_smooth: false,
+            ..smooth(kind, material, triangles)
+        };
+        vec![
+            bone.skin.drawn(vec![
+                smooth(Kind::Bone, look::CORTICAL, &bone.skin.triangles),
+                flat(Kind::Seam, look::CORTICAL, &bone.seams),
+            ]),
+            self.kerf
+                .drawn(vec![flat(Kind::Kerf, look::SAWN, &self.kerf.triangles)]),
+            gap.drawn(vec![
+                smooth(Kind::Gap, look::BROKEN, &gap.skin.triangles),
+                smooth(Kind::Gap, look::SAWN, &gap.sawn),
+                flat(Kind::Gap, look::BROKEN, &gap.walls),
+            ]),
+            self.broken.drawn(vec![flat(
+                Kind::Within,
+                look::CRACK,
+                &self.broken.triangles,
+            )]),
+            self.teeth.drawn(vec![smooth(
+                Kind::Solid,
+                look::TOOTH,
+                &self.teeth.triangles,
+            )]),
+        ]
     }
 }

@@ -1,5 +1,5 @@
 //! Blocks instead of jaws: what the skins of a cracked body must be whatever moves.
-use super::anchored::{Skin, moved_cells, piece_of};
+use super::anchored::{Skin, drawn_cells, moved_cells, piece_of};
 use super::bone_skin::{BoneSkin, Places, bone_skin};
 use super::crack_skin::{GapSkin, gap_skin, kerf_skin};
 use super::restore::Restored;
@@ -9,7 +9,8 @@ use osteotome_mechanics::bone::{Supports, TetMaterial};
 use osteotome_mechanics::crack::growth::GrowthLengths;
 use osteotome_mechanics::crack::{CrackSurface, CrackedBody, Sheet, Solid};
 use osteotome_mechanics::geometry::{MeshDistance, TetLocator, TetMesh, TriMesh, Vec3, block_mesh};
-use osteotome_render::{Camera, Kind, Material, Mesh, Options, Scene, Texture, render};
+use osteotome_render::skin::Part;
+use osteotome_render::{Camera, Kind, Material, Options, Scene, Texture, render};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -113,7 +114,7 @@ impl Skins {
     /// Of all triangles that are shown, the largest change of an edge's length \[mm\].
     fn stretch(&self, moved: &[[Vec3; 4]]) -> f32 {
         let skin = &self.bone.skin;
-        let at = skin.positions(moved);
+        let at = skin.drawn(vec![]).positions(&drawn_cells(moved));
         let length = |p: &[[f32; 3]], a: u32, b: u32| {
             let [p, q] = [a, b].map(|v| p[v as usize]);
             (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f32>().sqrt()
@@ -135,26 +136,29 @@ impl Skins {
             gloss: 0.0,
             texture: Texture::Plain,
         };
-        let at = [&self.bone.skin, &self.kerf].map(|s| s.positions(moved));
-        let gap = self.gap.positions(moved);
-        let mesh = |kind, positions, triangles| Mesh {
+        let part = |kind, triangles: &[[u32; 3]]| Part {
             kind,
             material,
-            positions,
-            rest: &[],
-            normals: &[],
-            triangles,
+            is_smooth: false,
+            triangles: triangles.to_vec(),
         };
+        let skins = [
+            self.bone.skin.drawn(vec![
+                part(Kind::Bone, &self.bone.skin.triangles),
+                part(Kind::Seam, &self.bone.seams),
+            ]),
+            self.kerf
+                .drawn(vec![part(Kind::Kerf, &self.kerf.triangles)]),
+            self.gap.drawn(vec![
+                part(Kind::Gap, &self.gap.skin.triangles),
+                part(Kind::Gap, &self.gap.sawn),
+                part(Kind::Gap, &self.gap.walls),
+            ]),
+        ];
         let scene = Scene {
-            meshes: vec![
-                mesh(Kind::Bone, &at[0], &self.bone.skin.triangles),
-                mesh(Kind::Seam, &at[0], &self.bone.seams),
-                mesh(Kind::Kerf, &at[1], &self.kerf.triangles),
-                mesh(Kind::Gap, &gap, &self.gap.skin.triangles),
-                mesh(Kind::Gap, &gap, &self.gap.sawn),
-                mesh(Kind::Gap, &gap, &self.gap.walls),
-            ],
-            background: [[0.0; 3]; 2],
+            skins: &skins,
+            cells: &drawn_cells(moved),
+            ..Scene::default()
         };
         let options = Options {
             width: 400,

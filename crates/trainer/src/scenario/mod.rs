@@ -55,6 +55,9 @@ pub struct Scenario {
     /// Rates of the loops.
     #[serde(default)]
     pub loops: Loops,
+    /// How two eyes look at it.
+    #[serde(default)]
+    pub view: Eyes,
     /// What a debrief scores, with thresholds and weights.
     #[serde(default)]
     pub targets: Targets,
@@ -546,6 +549,19 @@ impl Default for Surgeon {
             variation: 0.05,
         }
     }
+}
+
+/// Two eyes, for pictures and windows in stereo; lengths in the scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Eyes {
+    /// From eye to eye \[mm\]; without it a thirtieth of the distance at which they converge, the usual bound of comfort.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub eye_separation: Option<f64>,
+    /// Distance \[mm\] at which both eyes' pictures meet: what is nearer stands out of the screen. Without it where the camera
+    /// looks at.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub convergence: Option<f64>,
 }
 
 /// Rates of the loops.

@@ -183,6 +183,7 @@ fn validate(s: &Scenario, place: &impl Fn(&str) -> String) -> Result<()> {
     at.tools(s)?;
     at.surgeon(s)?;
     at.targets(s)?;
+    at.view(s)?;
     at.loops(s)
 }
 
@@ -429,6 +430,16 @@ impl<P: Fn(&str) -> String> Checks<'_, P> {
         Ok(())
     }
 
+    fn view(&self, s: &Scenario) -> Result<()> {
+        if let Some(mm) = s.view.eye_separation {
+            self.range("view.eye_separation", mm, 0.0, 200.0)?;
+        }
+        if let Some(mm) = s.view.convergence {
+            self.range("view.convergence", mm, 10.0, 10_000.0)?;
+        }
+        Ok(())
+    }
+
     fn loops(&self, s: &Scenario) -> Result<()> {
         self.range("loops.haptic_hz", s.loops.haptic_hz, 100.0, 10_000.0)?;
         self.range("loops.main_hz", s.loops.main_hz, 1.0, s.loops.haptic_hz)?;
@@ -524,6 +535,8 @@ mod tests {
             ],
             &["points and file"],
         );
+        check_error(&["view.convergence=3"], &["view.convergence", "10"]);
+        check_error(&["view.eye_separation=-1"], &["view.eye_separation", "0"]);
         check_error(&["loops.main_hz=30"], &["loops.main_hz", "does not divide"]);
         check_error(&["tool.0.hand.mass=0"], &["tool.0", "hand.mass is 0"]);
         check_error(&["mesh.nodes=\"many\""], &["mesh.nodes", "invalid type"]);

@@ -1,13 +1,13 @@
 //! Draws the scene on threads of its own at a low priority: what comes late is dropped, and nobody waits for it.
 use super::conductor::Ready;
 use super::live::{SharedLive, look};
-use crate::picture::{Instant as Shown, Scenery, StereoMode, eyes};
+use crate::picture::{Instant as Shown, Moment, Scenery, StereoMode, eyes};
 use crate::session::HandSample;
 use anyhow::Result;
 use eframe::egui::{Color32, ColorImage};
 use osteotome_devices::Wrench;
 use osteotome_mechanics::geometry::Pose;
-use osteotome_render::{Camera, Image, Options, Scene, render};
+use osteotome_render::{Camera, Image, Options, Renderer};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
@@ -150,11 +150,23 @@ const REFINEMENTS: u32 = 3;
 /// Smallest share of the window's pixels across.
 const COARSEST: f64 = 0.25;
 
+/// What pictures are drawn with.
+struct Drawing<'a> {
+    pool: &'a ThreadPool,
+    renderer: Renderer,
+    /// Of the window's pixels across while the scene moves.
+    share: f64,
+}
+
 fn watch(shared: &Shared, pool: &ThreadPool) {
     yield_to_loops();
-    let mut share = COARSEST;
+    let mut drawing = Drawing {
+        pool,
+        renderer: Renderer::fastest(),
+        share: COARSEST,
+    };
     while let Some(patient) = next_patient(shared) {
-        let result = watch_patient(shared, pool, &patient, &mut share);
+        let result = watch_patient(shared, &mut drawing, &patient);
         if let Err(error) = result {
             show(shared, fault(&format!("{error:#}")));
             // Until another patient comes.
@@ -202,12 +214,7 @@ fn next_patient(shared: &Shared) -> Option<Arc<Ready>> {
 }
 
 /// Draws until another patient is wished for, or the end.
-fn watch_patient(
-    shared: &Shared,
-    pool: &ThreadPool,
-    patient: &Arc<Ready>,
-    share: &mut f64,
-) -> Result<()> {
+fn watch_patient(shared: &Shared, drawing: &mut Drawing, patient: &Arc<Ready>) -> Result<()> {
     let mut scenery = Scenery::new(&patient.prepared, &patient.scenario)?;
     let mut drawn: Option<(Look, u64)> = None;
     let mut refinement = 0;
@@ -233,18 +240,18 @@ fn watch_patient(
             continue;
         }
         let (across, samples) = match refinement {
-            0 => (*share, 1),
-            1 => ((2.0 * *share).min(1.0), 1),
+            0 => (drawing.share, 1),
+            1 => ((2.0 * drawing.share).min(1.0), 1),
             2 => (1.0, 1),
             _ => (1.0, 2),
         };
         let moment = moment(&mut scenery, shared, patient, &wished)?;
         let start = Instant::now();
-        let image = pool.install(|| draw(&moment.scene(), &wished, across, samples));
+        let image = drawing.draw(&moment, &wished, across, samples);
         let ms = start.elapsed().as_secs_f64() * 1e3;
         if refinement == 0 {
             let change = (BUDGET_MS / ms.max(1.0)).sqrt().clamp(0.7, 1.2);
-            *share = (*share * change).clamp(COARSEST, 1.0);
+            drawing.share = (drawing.share * change).clamp(COARSEST, 1.0);
         }
         drawn = Some((wished, revision));
         let image = to_egui(&image);
@@ -266,7 +273,7 @@ fn moment(
     shared: &Shared,
     patient: &Ready,
     wished: &Look,
-) -> Result<crate::picture::Moment> {
+) -> Result<Moment> {
     let (time, hands, bone, growth) = {
         let live = look(&shared.live);
         let hands = live.hands.map(|h| h.hands);
@@ -297,25 +304,28 @@ fn at_rest(pose: Pose) -> HandSample {
     }
 }
 
-fn draw(scene: &Scene, wished: &Look, across: f64, samples: usize) -> Image {
-    let [width, height] = wished
-        .size
-        .map(|n| ((n as f64 * across).round() as usize).clamp(16, 4096));
-    let options = Options {
-        width,
-        height,
-        samples,
-        is_transparent: wished.is_transparent,
-    };
-    let Some(stereo) = wished.stereo else {
-        return render(scene, &wished.camera, &options).image;
-    };
-    let [left, right] = eyes(&wished.camera).map(|c| {
-        let image = render(scene, &c, &options).image;
+impl Drawing<'_> {
+    fn draw(&mut self, moment: &Moment, wished: &Look, across: f64, samples: usize) -> Image {
+        let scene = moment.scene();
+        let [width, height] = wished
+            .size
+            .map(|n| ((n as f64 * across).round() as usize).clamp(16, 4096));
+        let options = Options {
+            width,
+            height,
+            samples,
+            is_transparent: wished.is_transparent,
+        };
+        let (pool, renderer) = (self.pool, &mut self.renderer);
+        let mut image = |camera: &Camera| pool.install(|| renderer.image(&scene, camera, &options));
+        let Some(stereo) = wished.stereo else {
+            return image(&wished.camera);
+        };
         // Rows are told apart by a polarised monitor as they are on the screen, whatever was drawn.
-        enlarged(image, wished.size)
-    });
-    stereo.join(&left, &right)
+        let [left, right] =
+            eyes(&wished.camera, moment.eyes()).map(|c| enlarged(image(&c), wished.size));
+        stereo.join(&left, &right)
+    }
 }
 
 fn enlarged(image: Image, [width, height]: [usize; 2]) -> Image {

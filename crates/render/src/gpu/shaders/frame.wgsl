@@ -24,6 +24,11 @@ struct Frame {
     of_tile: u32,
     spill: u32,
     capacity: u32,
+    // Vertices that move with cells come first.
+    n_anchored: u32,
+    unused_1: u32,
+    unused_2: u32,
+    unused_3: u32,
 }
 
 // Material and meaning of a mesh.

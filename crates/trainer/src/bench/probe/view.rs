@@ -6,8 +6,8 @@ use crate::engine::Prepared;
 use crate::picture::{Instant, Scenery, View};
 use crate::scenario::Scenario;
 use crate::session::{BoneSample, GrowthSample, HandSample};
-use anyhow::{Error, Result};
-use osteotome_render::{Camera, Choice, Options, Renderer};
+use anyhow::Result;
+use osteotome_render::{Camera, Options, Renderer};
 
 /// Pixels of the pictures.
 pub const SIZE: [usize; 2] = [1280, 720];
@@ -37,7 +37,7 @@ impl<'a> Views<'a> {
         Ok(Self {
             scenery: Scenery::new(prepared, scenario)?,
             camera: View::Close.camera(prepared, aspect),
-            renderer: Renderer::new(Choice::Fastest).map_err(Error::msg)?,
+            renderer: Renderer::fastest(),
             growth: vec![sawn],
             update: Times::default(),
             render: Times::default(),
