@@ -126,8 +126,10 @@ pub struct Report {
     pub constructed: Vec<String>,
 }
 
-/// Triangles of a surface to be prepared, at most: four million keep memory below 2 GiB.
-const MAX_TRIANGLES: u64 = 4_000_000;
+/// Triangles of a surface to be prepared, at most: two million keep memory below 2 GiB.
+const MAX_TRIANGLES: u64 = 2_000_000;
+/// A file of so many bytes has more triangles, however they are written.
+const MAX_SURFACE_BYTES: u64 = 800_000_000;
 /// Nodes where none are asked for.
 const DEFAULT_NODES: usize = 5_000;
 /// A tooth smaller than this is a crumb \[mm3\].
@@ -153,6 +155,13 @@ pub fn prepare(
     }
     progress("reading", 0.0);
     let name = spec.input.display().to_string();
+    for path in [Some(&spec.input), spec.teeth.as_ref()]
+        .into_iter()
+        .flatten()
+        .chain(spec.context.iter().map(|(_, p)| p))
+    {
+        check_bytes(path)?;
+    }
     let mut raw = match read_shape(&spec.input)? {
         Shape::Surface(mesh) => spec.from_surface(mesh, &name, progress)?,
         Shape::Tets(file) => spec.from_tets(&file.mesh, &name)?,
@@ -486,13 +495,30 @@ fn no_mandible(counts: &[usize; 256], label: u8, name: &str) -> AnatomyError {
     }
 }
 
+/// Refuses a file that cannot but hold more than can be prepared; volumes have limits of their own.
+fn check_bytes(path: &Path) -> Result<(), AnatomyError> {
+    let name = path.display().to_string();
+    let lower = name.to_lowercase();
+    let is_volume = [".nii", ".nii.gz", ".nrrd", ".nhdr"]
+        .iter()
+        .any(|e| lower.ends_with(e));
+    let size = std::fs::metadata(path).map_or(0, |m| m.len());
+    if size > MAX_SURFACE_BYTES && !is_volume {
+        return Err(AnatomyError::TooLarge {
+            what: format!("{name} (bytes)"),
+            size,
+            limit: MAX_SURFACE_BYTES,
+        });
+    }
+    Ok(())
+}
+
 /// The surface, closed; mended only where that is needed.
 fn mended(
-    mesh: TriMesh,
+    mut mesh: TriMesh,
     name: &str,
     progress: &mut dyn FnMut(f64),
 ) -> Result<(ClosedSurface, Diagnosis, Option<Deviation>), AnatomyError> {
-    let mut mesh = mesh;
     let mut tree = TriangleTree::new(&mesh);
     let mut diagnosis = Diagnosis::of(&mesh, &tree);
     if diagnosis.open_edges > 0 {
@@ -507,7 +533,17 @@ fn mended(
         return Ok((ClosedSurface::new(mesh, name)?, diagnosis, None));
     }
     progress(0.3);
-    let closed = solidify(&mesh, &tree, name)?;
+    let closed = solidify(&mesh, &tree, name).map_err(|error| match error {
+        AnatomyError::Mesher { .. } => AnatomyError::Format {
+            path: name.to_owned(),
+            format: "surface",
+            reason: format!(
+                "its triangles ({}) go round no volume; give the bone's whole surface",
+                diagnosis.faults().join(", ")
+            ),
+        },
+        other => other,
+    })?;
     progress(0.8);
     let mending = Deviation::between(
         &MeshDistance::new(closed.mesh.clone()),
