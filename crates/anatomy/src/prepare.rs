@@ -163,9 +163,9 @@ pub fn prepare(
         check_bytes(path)?;
     }
     let mut raw = match read_shape(&spec.input)? {
-        Shape::Surface(mesh) => spec.from_surface(mesh, &name, progress)?,
-        Shape::Tets(file) => spec.from_tets(&file.mesh, &name)?,
-        Shape::Labels(volume) => spec.from_labels(&volume, &name, progress)?,
+        Shape::Surface(mesh) => spec.raw_of_surface(mesh, &name, progress)?,
+        Shape::Tets(file) => spec.raw_of_tets(&file.mesh, &name)?,
+        Shape::Labels(volume) => spec.raw_of_labels(&volume, &name, progress)?,
     };
     progress("meshing", 0.2);
     let distance = MeshDistance::new(raw.surface.clone());
@@ -274,7 +274,7 @@ impl Raw {
 }
 
 impl PrepareSpec {
-    fn from_surface(
+    fn raw_of_surface(
         &self,
         mut mesh: TriMesh,
         name: &str,
@@ -314,7 +314,7 @@ impl PrepareSpec {
         Ok(())
     }
 
-    fn from_tets(&self, mesh: &TetMesh, name: &str) -> Result<Raw, AnatomyError> {
+    fn raw_of_tets(&self, mesh: &TetMesh, name: &str) -> Result<Raw, AnatomyError> {
         let mut shell = TriMesh {
             vertices: mesh.nodes().to_vec(),
             triangles: mesh.boundary_faces().to_vec(),
@@ -324,8 +324,8 @@ impl PrepareSpec {
             (true, [a, b, c, d]) => [a, b, d, c],
             (false, t) => t,
         };
-        let tets = mesh.tets().iter().map(turned).collect();
-        let whole = in_order_of_use(shell.vertices.clone(), tets);
+        let tets: Vec<[u32; 4]> = mesh.tets().iter().map(turned).collect();
+        let whole = in_order_of_use(&shell.vertices, &tets);
         let whole = whole.map_err(|source| AnatomyError::Mesh {
             name: name.to_owned(),
             source,
@@ -344,7 +344,7 @@ impl PrepareSpec {
         Ok(raw)
     }
 
-    fn from_labels(
+    fn raw_of_labels(
         &self,
         volume: &LabelVolume,
         name: &str,
@@ -390,7 +390,7 @@ impl PrepareSpec {
         if let Some(field) = volume.field(&[l.lower_teeth], name)? {
             let spacing = (1.5 * field.edges().mean()).clamp(0.5, 1.0);
             let all = all_pieces(&field, spacing)?;
-            add_teeth(&mut raw, all, name)?;
+            add_teeth(&mut raw, &all, name)?;
         }
         let around = raw.surface.bounds().grown(CONTEXT_REACH);
         for (label, role) in [(l.maxilla, "maxilla"), (l.upper_teeth, "upper teeth")] {
@@ -410,7 +410,7 @@ impl PrepareSpec {
             let mut mesh = read_surface(path)?;
             self.turn(&mut mesh, &name)?;
             raw.teeth.clear();
-            add_teeth(raw, mesh, &name)?;
+            add_teeth(raw, &mesh, &name)?;
         }
         for tooth in &raw.teeth {
             ScannedTooth::new(tooth.surface.clone(), bone, "a tooth")?;
@@ -564,8 +564,8 @@ fn all_pieces(region: &dyn SignedDistance, spacing: f64) -> Result<TriMesh, Anat
 }
 
 /// Each piece is a tooth.
-fn add_teeth(raw: &mut Raw, mesh: TriMesh, name: &str) -> Result<(), AnatomyError> {
-    let pieces = split_pieces(&mesh);
+fn add_teeth(raw: &mut Raw, mesh: &TriMesh, name: &str) -> Result<(), AnatomyError> {
+    let pieces = split_pieces(mesh);
     if pieces.len() > 50 * MAX_TEETH {
         return Err(AnatomyError::TooLarge {
             what: format!("{name} (pieces)"),
@@ -618,7 +618,7 @@ fn make_mesh(
     let meshed = mesher::mesh_to_nodes(&body, target, &mut |f| progress(0.8 * f))?;
     let fitted = fit(&meshed.mesh, surface)?;
     progress(1.0);
-    let made = in_order_of_use(fitted.nodes().to_vec(), fitted.tets().to_vec());
+    let made = in_order_of_use(fitted.nodes(), fitted.tets());
     made.map_err(|source| AnatomyError::Mesh {
         name: "the mesher's own mesh".to_owned(),
         source,
@@ -627,8 +627,8 @@ fn make_mesh(
 
 /// The mesh with nodes numbered in the order in which tetrahedra name them: as a reader numbers them.
 fn in_order_of_use(
-    nodes: Vec<Vec3>,
-    tets: Vec<[u32; 4]>,
+    nodes: &[Vec3],
+    tets: &[[u32; 4]],
 ) -> Result<TetMesh, osteotome_mechanics::geometry::MeshError> {
     let mut number = vec![u32::MAX; nodes.len()];
     let mut ordered = Vec::with_capacity(nodes.len());
