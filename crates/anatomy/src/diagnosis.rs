@@ -33,7 +33,7 @@ impl Diagnosis {
     /// Looks at a surface and all its triangles.
     pub fn of(mesh: &TriMesh, tree: &TriangleTree) -> Self {
         let edges = EdgeFaults::of(mesh);
-        let volume = mesh.volume();
+        let volume = volume_about_middle(mesh);
         Self {
             n_triangles: mesh.triangles.len(),
             n_pieces: n_pieces(mesh),
@@ -77,8 +77,10 @@ impl Diagnosis {
 
 /// Where a torn surface encloses something: beyond half a turn of the winding number.
 struct Enclosed<'a> {
-    distance: &'a MeshDistance,
+    distance: MeshDistance,
     tree: &'a TriangleTree,
+    /// -1 for a surface whose normals point inward, which goes round everything the other way.
+    sense: f64,
 }
 
 impl Enclosed<'_> {
@@ -88,7 +90,7 @@ impl Enclosed<'_> {
 
 impl SignedDistance for Enclosed<'_> {
     fn signed(&self, p: &Vec3) -> f64 {
-        let outward = 0.5 - self.tree.winding(p);
+        let outward = 0.5 - self.sense * self.tree.winding(p);
         let share = (outward.abs() / Self::CERTAIN).min(1.0);
         (self.distance.unsigned(p) * share).copysign(outward)
     }
@@ -96,6 +98,17 @@ impl SignedDistance for Enclosed<'_> {
     fn bounds(&self) -> Aabb {
         self.distance.bounds()
     }
+}
+
+/// Enclosed volume \[mm3\]. About the surface's own middle holes count for little; about a scanner's far origin they would count
+/// for more than the bone.
+fn volume_about_middle(mesh: &TriMesh) -> f64 {
+    let middle = mesh.bounds().centre();
+    let six = |t: usize| {
+        let [a, b, c] = mesh.corners(t).map(|p| p - middle);
+        a.dot(&b.cross(&c))
+    };
+    (0..mesh.triangles.len()).map(six).sum::<f64>() / 6.0
 }
 
 /// Fineness of a mended surface \[mm\].
@@ -113,31 +126,12 @@ pub fn solidify(
     tree: &TriangleTree,
     name: &str,
 ) -> Result<ClosedSurface, AnatomyError> {
-    let mut mesh = mesh.clone();
-    let distance = MeshDistance::new(std::mem::take(&mut mesh));
     let enclosed = Enclosed {
-        distance: &distance,
+        distance: MeshDistance::new(mesh.clone()),
         tree,
+        sense: volume_about_middle(mesh).signum(),
     };
-    // A surface turned inside out encloses everything else.
-    let inverted = Inverted(&enclosed);
-    let is_inverted = distance.mesh().volume() < 0.0;
-    let region: &dyn SignedDistance = if is_inverted { &inverted } else { &enclosed };
-    closed_contour(region, MENDED_SPACING, name)
-}
-
-struct Inverted<'a>(&'a Enclosed<'a>);
-
-impl SignedDistance for Inverted<'_> {
-    fn signed(&self, p: &Vec3) -> f64 {
-        let outward = 0.5 + self.0.tree.winding(p);
-        let share = (outward.abs() / Enclosed::CERTAIN).min(1.0);
-        (self.0.distance.unsigned(p) * share).copysign(outward)
-    }
-
-    fn bounds(&self) -> Aabb {
-        self.0.bounds()
-    }
+    closed_contour(&enclosed, MENDED_SPACING, name)
 }
 
 /// A closed, manifold surface mesh of a region's boundary; of several pieces the largest, with a note.

@@ -148,7 +148,7 @@ pub fn look(mesh: &TriMesh, name: &str) -> Result<JawFrame, AnatomyError> {
             mend,
         });
     }
-    upright(mesh, name).or_else(|error| {
+    upright(mesh, name).map_err(|error| {
         for letters in [
             "RAS", "LSA", "RSP", "LAI", "RPI", "LIP", "PSL", "ASR", "SLP", "SRA",
         ] {
@@ -158,13 +158,13 @@ pub fn look(mesh: &TriMesh, name: &str) -> Result<JawFrame, AnatomyError> {
             };
             axes.apply(Unit::Mm, &mut turned);
             if upright(&turned, name).is_ok() {
-                return Err(AnatomyError::Axes {
+                return AnatomyError::Axes {
                     name: name.to_owned(),
                     letters,
-                });
+                };
             }
         }
-        Err(error)
+        error
     })
 }
 

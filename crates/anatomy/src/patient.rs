@@ -304,12 +304,12 @@ impl SurfaceSource {
     }
 }
 
+/// A tooth as seen and as a body.
+type CarriedTooth = (Tooth, Box<dyn ToothBody>);
+
 impl Bone {
     /// The teeth that are known, as seen and as bodies.
-    fn teeth(
-        &self,
-        surface: &MeshDistance,
-    ) -> Result<Vec<(Tooth, Box<dyn ToothBody>)>, AnatomyError> {
+    fn teeth(&self, surface: &MeshDistance) -> Result<Vec<CarriedTooth>, AnatomyError> {
         let crown = |c: &Crown| {
             let tooth = Tooth {
                 fdi: c.kind.fdi(c.is_left),

@@ -126,8 +126,10 @@ pub struct Report {
     pub constructed: Vec<String>,
 }
 
-/// Triangles of a surface to be prepared, at most: four million keep memory below 2 GiB.
-const MAX_TRIANGLES: u64 = 4_000_000;
+/// Triangles of a surface to be prepared, at most: two million keep memory below 2 GiB.
+const MAX_TRIANGLES: u64 = 2_000_000;
+/// A file of so many bytes has more triangles, however they are written.
+const MAX_SURFACE_BYTES: u64 = 800_000_000;
 /// Nodes where none are asked for.
 const DEFAULT_NODES: usize = 5_000;
 /// A tooth smaller than this is a crumb \[mm3\].
@@ -153,10 +155,17 @@ pub fn prepare(
     }
     progress("reading", 0.0);
     let name = spec.input.display().to_string();
+    for path in [Some(&spec.input), spec.teeth.as_ref()]
+        .into_iter()
+        .flatten()
+        .chain(spec.context.iter().map(|(_, p)| p))
+    {
+        check_bytes(path)?;
+    }
     let mut raw = match read_shape(&spec.input)? {
-        Shape::Surface(mesh) => spec.from_surface(mesh, &name, progress)?,
-        Shape::Tets(file) => spec.from_tets(&file.mesh, &name)?,
-        Shape::Labels(volume) => spec.from_labels(&volume, &name, progress)?,
+        Shape::Surface(mesh) => spec.raw_of_surface(mesh, &name, progress)?,
+        Shape::Tets(file) => spec.raw_of_tets(&file.mesh, &name)?,
+        Shape::Labels(volume) => spec.raw_of_labels(&volume, &name, progress)?,
     };
     progress("meshing", 0.2);
     let distance = MeshDistance::new(raw.surface.clone());
@@ -265,7 +274,7 @@ impl Raw {
 }
 
 impl PrepareSpec {
-    fn from_surface(
+    fn raw_of_surface(
         &self,
         mut mesh: TriMesh,
         name: &str,
@@ -305,7 +314,7 @@ impl PrepareSpec {
         Ok(())
     }
 
-    fn from_tets(&self, mesh: &TetMesh, name: &str) -> Result<Raw, AnatomyError> {
+    fn raw_of_tets(&self, mesh: &TetMesh, name: &str) -> Result<Raw, AnatomyError> {
         let mut shell = TriMesh {
             vertices: mesh.nodes().to_vec(),
             triangles: mesh.boundary_faces().to_vec(),
@@ -315,8 +324,8 @@ impl PrepareSpec {
             (true, [a, b, c, d]) => [a, b, d, c],
             (false, t) => t,
         };
-        let tets = mesh.tets().iter().map(turned).collect();
-        let whole = in_order_of_use(shell.vertices.clone(), tets);
+        let tets: Vec<[u32; 4]> = mesh.tets().iter().map(turned).collect();
+        let whole = in_order_of_use(&shell.vertices, &tets);
         let whole = whole.map_err(|source| AnatomyError::Mesh {
             name: name.to_owned(),
             source,
@@ -335,7 +344,7 @@ impl PrepareSpec {
         Ok(raw)
     }
 
-    fn from_labels(
+    fn raw_of_labels(
         &self,
         volume: &LabelVolume,
         name: &str,
@@ -381,7 +390,7 @@ impl PrepareSpec {
         if let Some(field) = volume.field(&[l.lower_teeth], name)? {
             let spacing = (1.5 * field.edges().mean()).clamp(0.5, 1.0);
             let all = all_pieces(&field, spacing)?;
-            add_teeth(&mut raw, all, name)?;
+            add_teeth(&mut raw, &all, name)?;
         }
         let around = raw.surface.bounds().grown(CONTEXT_REACH);
         for (label, role) in [(l.maxilla, "maxilla"), (l.upper_teeth, "upper teeth")] {
@@ -401,7 +410,7 @@ impl PrepareSpec {
             let mut mesh = read_surface(path)?;
             self.turn(&mut mesh, &name)?;
             raw.teeth.clear();
-            add_teeth(raw, mesh, &name)?;
+            add_teeth(raw, &mesh, &name)?;
         }
         for tooth in &raw.teeth {
             ScannedTooth::new(tooth.surface.clone(), bone, "a tooth")?;
@@ -486,13 +495,30 @@ fn no_mandible(counts: &[usize; 256], label: u8, name: &str) -> AnatomyError {
     }
 }
 
+/// Refuses a file that cannot but hold more than can be prepared; volumes have limits of their own.
+fn check_bytes(path: &Path) -> Result<(), AnatomyError> {
+    let name = path.display().to_string();
+    let lower = name.to_lowercase();
+    let is_volume = [".nii", ".nii.gz", ".nrrd", ".nhdr"]
+        .iter()
+        .any(|e| lower.ends_with(e));
+    let size = std::fs::metadata(path).map_or(0, |m| m.len());
+    if size > MAX_SURFACE_BYTES && !is_volume {
+        return Err(AnatomyError::TooLarge {
+            what: format!("{name} (bytes)"),
+            size,
+            limit: MAX_SURFACE_BYTES,
+        });
+    }
+    Ok(())
+}
+
 /// The surface, closed; mended only where that is needed.
 fn mended(
-    mesh: TriMesh,
+    mut mesh: TriMesh,
     name: &str,
     progress: &mut dyn FnMut(f64),
 ) -> Result<(ClosedSurface, Diagnosis, Option<Deviation>), AnatomyError> {
-    let mut mesh = mesh;
     let mut tree = TriangleTree::new(&mesh);
     let mut diagnosis = Diagnosis::of(&mesh, &tree);
     if diagnosis.open_edges > 0 {
@@ -507,7 +533,17 @@ fn mended(
         return Ok((ClosedSurface::new(mesh, name)?, diagnosis, None));
     }
     progress(0.3);
-    let closed = solidify(&mesh, &tree, name)?;
+    let closed = solidify(&mesh, &tree, name).map_err(|error| match error {
+        AnatomyError::Mesher { .. } => AnatomyError::Format {
+            path: name.to_owned(),
+            format: "surface",
+            reason: format!(
+                "its triangles ({}) go round no volume; give the bone's whole surface",
+                diagnosis.faults().join(", ")
+            ),
+        },
+        other => other,
+    })?;
     progress(0.8);
     let mending = Deviation::between(
         &MeshDistance::new(closed.mesh.clone()),
@@ -528,8 +564,8 @@ fn all_pieces(region: &dyn SignedDistance, spacing: f64) -> Result<TriMesh, Anat
 }
 
 /// Each piece is a tooth.
-fn add_teeth(raw: &mut Raw, mesh: TriMesh, name: &str) -> Result<(), AnatomyError> {
-    let pieces = split_pieces(&mesh);
+fn add_teeth(raw: &mut Raw, mesh: &TriMesh, name: &str) -> Result<(), AnatomyError> {
+    let pieces = split_pieces(mesh);
     if pieces.len() > 50 * MAX_TEETH {
         return Err(AnatomyError::TooLarge {
             what: format!("{name} (pieces)"),
@@ -582,7 +618,7 @@ fn make_mesh(
     let meshed = mesher::mesh_to_nodes(&body, target, &mut |f| progress(0.8 * f))?;
     let fitted = fit(&meshed.mesh, surface)?;
     progress(1.0);
-    let made = in_order_of_use(fitted.nodes().to_vec(), fitted.tets().to_vec());
+    let made = in_order_of_use(fitted.nodes(), fitted.tets());
     made.map_err(|source| AnatomyError::Mesh {
         name: "the mesher's own mesh".to_owned(),
         source,
@@ -591,8 +627,8 @@ fn make_mesh(
 
 /// The mesh with nodes numbered in the order in which tetrahedra name them: as a reader numbers them.
 fn in_order_of_use(
-    nodes: Vec<Vec3>,
-    tets: Vec<[u32; 4]>,
+    nodes: &[Vec3],
+    tets: &[[u32; 4]],
 ) -> Result<TetMesh, osteotome_mechanics::geometry::MeshError> {
     let mut number = vec![u32::MAX; nodes.len()];
     let mut ordered = Vec::with_capacity(nodes.len());

@@ -252,9 +252,9 @@ mod tests {
         mesh.triangles
             .retain(|t| t.iter().all(|v| vertices[*v as usize].z < 0.0));
         let tree = TriangleTree::new(&mesh);
-        for z in [-6.0, -3.0, 3.0, 8.0] {
+        for z in [-6.0f64, -3.0, 3.0, 8.0] {
             // All but the cone through the rim, seen from below it; only that cone from above.
-            let want = 0.5 * (1.0 - f64::from(z) / f64::from(z).hypot(10.0));
+            let want = 0.5 * (1.0 - z / z.hypot(10.0));
             let got = tree.winding(&(Vec3::z() * z));
             assert!((got - want).abs() < 0.03, "{z}: {got} instead of {want}");
         }

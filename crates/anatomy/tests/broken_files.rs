@@ -175,7 +175,7 @@ fn files_of_other_kinds_are_named() {
             Err(error) => error.to_string(),
         }
     };
-    let mut dicom = vec![0u8; 200];
+    let mut dicom = [0u8; 200];
     dicom[128..132].copy_from_slice(b"DICM");
     for (name, bytes, part) in [
         (

@@ -244,19 +244,29 @@ fn a_torn_surface_is_mended_within_bounds() {
     torn.triangles.extend(doubled);
     let crown = mandible().teeth()[5].surface().unwrap();
     torn.append(&crown);
+    // Far from the origin, as scans are, and inside out.
+    let shift = Vec3::new(20.0, -140.0, 1480.0);
+    torn.vertices.iter_mut().for_each(|p| *p += shift);
+    torn.triangles.iter_mut().for_each(|t| t.swap(0, 2));
     let input = put(base.path(), "torn.ply", &ply::to_binary_ply(&torn));
     let made = made(&spec(&input, 1_500));
     let found = made.report.diagnosis.unwrap();
-    assert!(found.open_edges > 0 && found.non_manifold_edges > 0 && found.self_intersections > 0);
+    assert!(
+        found.inside_out
+            && found.open_edges > 0
+            && found.non_manifold_edges > 0
+            && found.self_intersections > 0
+    );
     assert_eq!(found.n_pieces, 2);
     let mending = made.report.mending.unwrap();
     assert!(mending.of_mesh.p95 < 0.15, "{mending:?}");
-    let mended = &made.patient.surface;
+    let mut mended = made.patient.surface;
+    mended.vertices.iter_mut().for_each(|p| *p -= shift);
     // Crown and bone are one body now.
     let more = mended.volume() - good.volume();
     assert!((0.3..1.0).contains(&(more / crown.volume())), "{more} mm3");
     let bone = MeshDistance::new(good);
-    let closed = MeshDistance::new(mended.clone());
+    let closed = MeshDistance::new(mended);
     let over_hole = closed.unsigned(&hole);
     assert!(
         over_hole < 1.0 && bone.unsigned(&hole) < 1e-9,
@@ -290,6 +300,18 @@ fn wrong_units_axes_and_bodies_are_named() {
     let made = made(&spec);
     let chin = made.patient.surface.bounds().min.y;
     assert!(chin < -40.0, "the chin is in front");
+    // Every second triangle goes the other way: nothing is enclosed.
+    let mut muddled = jaw();
+    for t in muddled.triangles.iter_mut().step_by(2) {
+        t.swap(0, 1);
+    }
+    let muddled = put(base.path(), "muddled.stl", &stl::to_binary_stl(&muddled));
+    let text = refusal(&PrepareSpec::of(&muddled));
+    assert!(
+        text.contains("edges whose triangles face opposite ways")
+            && text.contains("go round no volume"),
+        "{text}"
+    );
     let missing = PrepareSpec::of(&base.path().join("none.stl"));
     assert!(refusal(&missing).contains("cannot read"));
     spec.nodes = Some(7);

@@ -81,8 +81,8 @@ fn picture(
     let letter = h / 42.0;
     let margin = 1.6 * letter;
     let mut canvas = Canvas::new(&mut image);
-    // Letters that the canvas does not have stay blank.
-    let title: String = patient.name.chars().take(60).collect();
+    // The canvas knows capitals; other letters stay blank.
+    let title: String = patient.name.to_uppercase().chars().take(60).collect();
     canvas.text([margin, margin], letter, [235, 238, 242], &title);
     let per_mm = camera.half_heights_per_mm() * 0.5 * h;
     scale_bar(&mut canvas, [margin, h - margin], letter, per_mm);
