@@ -115,6 +115,8 @@ const OFF_PLANE: f64 = 6.0;
 const UNTWISTING: f64 = 2.0;
 /// Going deeper by less than this is not worth letting go of the twist \[mm\].
 const WORTH_RESEATING: f64 = 1.0;
+/// While the crack runs, and so long after it was last seen to, the hands hold still \[s\]: what drives it on is stored in the bone.
+const RUNNING: f64 = 0.06;
 /// A torque that falls below this share of its recent peak is a break felt.
 const LOSS: f64 = 0.35;
 /// Below this share of the device's limit a torque tells nothing.
@@ -138,6 +140,9 @@ pub struct BuiltInSurgeon {
     phase: Phase,
     hands: [Hand; 2],
     generation: u64,
+    /// When the crack was last seen to grow \[s\].
+    ran: f64,
+    /// Likewise, or when a hand began anew \[s\].
     last_growth: f64,
     last_drive: f64,
     stations: Vec<Station>,
@@ -187,6 +192,7 @@ impl BuiltInSurgeon {
             time: 0.0,
             phase: Phase::Splitting,
             generation: 0,
+            ran: f64::NEG_INFINITY,
             last_growth: 0.0,
             last_drive: 0.0,
             stations,
@@ -231,6 +237,7 @@ impl BuiltInSurgeon {
         }
         if crack.generation != self.generation {
             self.generation = crack.generation;
+            self.ran = self.time;
             self.last_growth = self.time;
             for i in 0..2 {
                 self.hands[i].bite = (self.hands[i].tip - self.follow_depth(i, crack)).max(0.0);
@@ -330,6 +337,9 @@ impl BuiltInSurgeon {
     }
 
     fn split(&mut self, i: usize, crack: &CrackView, wrench: &Wrench) {
+        if self.time - self.ran < RUNNING {
+            return;
+        }
         let rate = self.habits.twist_rate_deg.to_radians() * self.dt;
         let most = self.habits.twist_max_deg.to_radians();
         let both = (self.hands.iter()).all(|h| matches!(h.task, Task::Split | Task::Reseat));
