@@ -332,4 +332,33 @@ mod tests {
             assert_eq!(format!("{faces:?}"), format!("{:?}", bone.faces));
         }
     }
+
+    /// Equations factored afresh in mid-growth, and grown on from there, give the displacements of those that were only appended to.
+    #[test]
+    fn a_rebased_bone_moves_as_before() {
+        let mut bone = sawn_block();
+        let mut base = None;
+        for step in 1..=3 {
+            let fronts = bone.fronts();
+            let moves = vec![Vec3::x() * 1.3; fronts[0].vertices.len()];
+            let growth = bone.advanced(&[(&fronts[0], &moves)]);
+            bone = bone.grown(bone.cracked.grown(growth).unwrap());
+            if step == 2 {
+                base = Some(bone.refactored().unwrap());
+            }
+        }
+        let appended = bone.system.clone();
+        bone.rebase(&base.unwrap()).unwrap();
+        assert!(bone.system.factor().n_border() < appended.factor().n_border());
+        let load: Vec<f64> = (0..appended.n()).map(|i| (i as f64).sin()).collect();
+        let solved = |system: &System| {
+            let mut x = load.clone();
+            system.solve(&mut x, &mut system.scratch());
+            x
+        };
+        let (before, after) = (solved(&appended), solved(&bone.system));
+        let largest = before.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        let apart = before.iter().zip(&after).map(|(a, b)| (a - b).abs());
+        assert!(apart.fold(0.0, f64::max) < 1e-10 * largest);
+    }
 }
