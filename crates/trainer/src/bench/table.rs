@@ -22,8 +22,8 @@ pub fn text(e: &Evaluation) -> String {
         ),
         String::new(),
         format!(
-            "{:<18}{:>34}   {:>44}{:>11}",
-            "", "paper: mean SD min max", "here: mean SD min p99 max", "ratio"
+            "{:<18}{:>34}   {:>54}{:>11}",
+            "", "paper: mean SD min max", "here: mean SD min median p99 max", "ratio"
         ),
     ];
     lines.extend(e.replayed.rows.iter().map(row));
@@ -67,10 +67,11 @@ fn row(row: &Row) -> String {
     };
     let [m, sd, lo, hi] = paper;
     format!(
-        "{name:<18}{m:>10.2}{sd:>8.2}{lo:>8.2}{hi:>8.2}   {:>9.3}{:>9.3}{:>9.4}{:>9.3}{:>9.3}{:>10.1}x",
+        "{name:<18}{m:>10.2}{sd:>8.2}{lo:>8.2}{hi:>8.2}   {:>9.3}{:>9.3}{:>9.4}{:>9.3}{:>9.3}{:>9.3}{:>10.1}x",
         t.mean,
         t.sd,
         t.min,
+        t.median,
         t.p99,
         t.max,
         m / t.mean

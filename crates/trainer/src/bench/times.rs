@@ -13,6 +13,8 @@ pub struct InShort {
     pub sd: f64,
     /// Shortest.
     pub min: f64,
+    /// Median: what a busy machine changes least.
+    pub median: f64,
     /// 99th percentile: that of rank ceil(.99 n).
     pub p99: f64,
     /// Longest.
@@ -44,14 +46,18 @@ impl Times {
     pub fn in_short(&self) -> Option<InShort> {
         let mut sorted = self.0.clone();
         sorted.sort_by(f64::total_cmp);
-        let rank = (0.99 * sorted.len() as f64).ceil() as usize;
+        let at = |share: f64| {
+            let rank = (share * sorted.len() as f64).ceil() as usize;
+            sorted.get(rank.max(1) - 1).copied()
+        };
         let mean = self.mean();
         let square = |v: &f64| (v - mean) * (v - mean);
         Some(InShort {
             mean,
             sd: (sorted.iter().map(square).sum::<f64>() / sorted.len() as f64).sqrt(),
             min: *sorted.first()?,
-            p99: sorted[rank.max(1) - 1],
+            median: at(0.5)?,
+            p99: at(0.99)?,
             max: *sorted.last()?,
         })
     }
@@ -120,7 +126,8 @@ mod tests {
         assert_eq!(times.in_short(), None);
         (1..=200).rev().for_each(|k| times.push(f64::from(k)));
         let short = times.in_short().unwrap();
-        assert_eq!([short.min, short.p99, short.max], [1.0, 198.0, 200.0]);
+        assert_eq!([short.min, short.median], [1.0, 100.0]);
+        assert_eq!([short.p99, short.max], [198.0, 200.0]);
         assert!((short.mean - 100.5).abs() < 1e-12);
         // Of 1 to n it is sqrt((n^2 - 1) / 12).
         assert!((short.sd - (39_999.0_f64 / 12.0).sqrt()).abs() < 1e-9);
