@@ -147,7 +147,7 @@ fn skin((positions, triangles): &Triangles) -> (Skin, Vec<MovedCell>) {
 }
 
 fn main() {
-    let slit = prism([-3.0, -40.0, 2.0], [3.0, 40.0, 40.0]);
+    let slit = prism([-3.0, -21.0, 2.0], [3.0, 21.0, 21.0]);
     let camera = Camera::look_at([17.0, -52.0, 41.0], [0.0; 3], [0.0, 0.0, 1.0], 40.0);
     for (rings, meridians) in [(80, 128), (160, 256), (320, 512)] {
         let bone = sphere(20.0, rings, meridians);
