@@ -57,11 +57,17 @@ const MATERIAL: Material = Material {
     texture: Texture::Cortical,
 };
 
-fn median(mut once: impl FnMut() -> f64) -> f64 {
-    once();
-    let mut times: Vec<f64> = (0..9).map(|_| once()).collect();
-    times.sort_by(f64::total_cmp);
-    times[4]
+/// The least of several: what others do on the machine only ever adds.
+fn least(mut once: impl FnMut() -> f64) -> f64 {
+    let longest = Instant::now();
+    let mut best = once();
+    for k in 0..40 {
+        if k > 8 && longest.elapsed().as_secs_f64() > 4.0 {
+            break;
+        }
+        best = best.min(once());
+    }
+    best
 }
 
 fn options(is_transparent: bool) -> Options {
@@ -75,7 +81,7 @@ fn options(is_transparent: bool) -> Options {
 
 fn on_processor(scene: &Scene, camera: &Camera) {
     let time = |draw: fn(&Scene, &Camera, &Options) -> Frame, is_transparent: bool| {
-        median(|| {
+        least(|| {
             let start = Instant::now();
             std::hint::black_box(draw(scene, camera, &options(is_transparent)));
             start.elapsed().as_secs_f64() * 1e3
@@ -99,7 +105,7 @@ fn on_device(scene: &Scene, camera: &Camera) {
     let mut yardstick = gpu.yardstick();
     let mut time = |work, is_transparent| {
         let options = options(is_transparent);
-        median(|| {
+        least(|| {
             let made = gpu.timed(&mut yardstick, work, scene, camera, &options);
             made.expect("a frame of this size fits").0
         })
@@ -147,7 +153,7 @@ fn skin((positions, triangles): &Triangles) -> (Skin, Vec<MovedCell>) {
 }
 
 fn main() {
-    let slit = prism([-3.0, -40.0, 2.0], [3.0, 40.0, 40.0]);
+    let slit = prism([-3.0, -21.0, 2.0], [3.0, 21.0, 21.0]);
     let camera = Camera::look_at([17.0, -52.0, 41.0], [0.0; 3], [0.0, 0.0, 1.0], 40.0);
     for (rings, meridians) in [(80, 128), (160, 256), (320, 512)] {
         let bone = sphere(20.0, rings, meridians);

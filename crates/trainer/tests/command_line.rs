@@ -214,6 +214,17 @@ fn check_render(folder: &Path) {
         "0 to 100",
     );
     refused(&["--video", "d.mp4"], 2, "even");
+    refused(&["--at", "1", "-o", "d.png", "--cpu", "--gpu"], 2, "--gpu");
+    let forced = render(&["--at", "1", "-o", "e.png", "--gpu"]);
+    let (said, error) = (text(&forced.stdout), text(&forced.stderr));
+    match forced.status.code() {
+        Some(0) => assert!(!said.contains("drawn on the processor"), "{said}"),
+        code => {
+            assert_eq!(code, Some(1), "{error}");
+            assert!(error.contains("--gpu: no graphics device"), "{error}");
+            assert!(!folder.join("e.png").exists());
+        }
+    }
     if !has_ffmpeg() {
         let film = osteotome(folder, &["render", "out/session.mcap", "--video", "d.mp4"]);
         assert_eq!(film.status.code(), Some(1));

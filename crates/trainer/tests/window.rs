@@ -299,7 +299,7 @@ fn keys_and_mouse_lead_the_chisels_and_what_they_meet_is_felt() {
          key Escape
          gone Hold the left chisel
          click End
-         wait Session ended
+         wait Look at the bone
          click Look at the bone
          quit",
     );

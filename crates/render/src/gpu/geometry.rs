@@ -126,7 +126,7 @@ impl Geometry {
             let mut around = vec![Vec::new(); skin.anchors().len()];
             let mut number = start;
             for part in skin.parts() {
-                let flags = u32::from(part.is_smooth) * SMOOTH | HAS_REST;
+                let flags = (u32::from(part.is_smooth) * SMOOTH) | HAS_REST;
                 let described = described(part.kind, &part.material, flags);
                 let range = lists.mesh(first, &part.triangles, described);
                 self.parts.push((part.kind, range));
@@ -165,7 +165,7 @@ impl Geometry {
             }));
             let is_smooth = u32::from(!mesh.normals.is_empty());
             let has_rest = u32::from(!mesh.rest.is_empty());
-            let flags = is_smooth * SMOOTH | has_rest * HAS_REST;
+            let flags = (is_smooth * SMOOTH) | (has_rest * HAS_REST);
             let described = described(mesh.kind, &mesh.material, flags);
             let range = lists.mesh(first, mesh.triangles, described);
             self.parts.push((mesh.kind, range));
