@@ -11,7 +11,7 @@ use osteotome_mechanics::geometry::{MeshDistance, TetMesh, Vec3, closest_on_tria
 use rayon::prelude::*;
 
 /// How often all nodes are moved.
-const ROUNDS: usize = 12;
+const ROUNDS: usize = 20;
 /// Points on the surface that pull at the mesh.
 const PULLING: usize = 40_000;
 /// No angle may fall below this, or rise above 180 degrees less 1.6 times this \[degrees\], unless it was there before.

@@ -137,7 +137,7 @@ fn readers_never_panic() {
         std::fs::write(&path, &good).unwrap();
         assert!(read_shape(&path).is_ok_and(|s| is_sound(&s)), "{name}");
         let mut refused = 0;
-        for _ in 0..600 {
+        for _ in 0..250 {
             std::fs::write(&path, broken(&good, &mut random)).unwrap();
             match read_shape(&path) {
                 Ok(shape) => assert!(is_sound(&shape), "{name}"),
@@ -147,7 +147,7 @@ fn readers_never_panic() {
                 }
             }
         }
-        assert!(refused > 100, "{name}: only {refused} were refused");
+        assert!(refused > 40, "{name}: only {refused} were refused");
     }
 }
 

@@ -192,7 +192,7 @@ impl FromStr for ContextFile {
 /// The number of one label.
 #[derive(Clone, Copy, Debug)]
 pub struct Label {
-    /// Of [`Label::NAMES`].
+    /// maxilla, mandible, upper-teeth, lower-teeth or canal.
     pub name: &'static str,
     /// As in the volume.
     pub number: u8,

@@ -204,3 +204,34 @@ fn what_cannot_be_a_patient_is_refused_and_leaves_nothing() {
         &["holds no patient.toml"],
     );
 }
+
+/// The built-in surgeon splits a jaw that is not its own mirror image, on both sides.
+#[test]
+fn an_asymmetric_jaw_is_split_on_both_sides() {
+    if std::env::var_os("OSTEOTOME_LONG").is_none() {
+        return;
+    }
+    let base = tempfile::tempdir().expect("a folder");
+    for side in ["right", "left"] {
+        let s = scenario().replace("bsso_left", &format!("bsso_{side}"));
+        let chin = "patient.parametric.chin_deviation=6.0";
+        let args = [
+            "run",
+            &s,
+            "--set",
+            chin,
+            "--max-time",
+            "20",
+            "--out",
+            side,
+            "--json",
+        ];
+        let metrics: serde_json::Value =
+            serde_json::from_str(&fine(&osteotome(base.path(), &args))).expect("one JSON object");
+        assert_eq!(
+            metrics["split"]["complete"], true,
+            "{side}: {}",
+            metrics["split"]
+        );
+    }
+}
