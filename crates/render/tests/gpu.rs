@@ -67,8 +67,8 @@ fn check(cases: &[Case]) {
         compare(&opaque, &frame);
         for is_transparent in [false, true] {
             let small = Options {
-                width: 320,
-                height: 180,
+                width: 240,
+                height: 135,
                 is_transparent,
                 ..opaque
             };
