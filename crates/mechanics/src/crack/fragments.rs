@@ -80,11 +80,43 @@ impl Fragments {
     }
 }
 
+/// Marks the edges that lie within two elements of a cut one.
+pub(crate) fn edges_near_cuts(mesh: &TetMesh, cuts: &CutEdges) -> Vec<bool> {
+    let mut near = vec![false; mesh.nodes().len()];
+    for (e, edge) in mesh.edges().iter().enumerate() {
+        if cuts.is_cut(e as u32) {
+            edge.iter().for_each(|n| near[*n as usize] = true);
+        }
+    }
+    let ends_near = |edge: &[u32; 2], near: &[bool]| edge.map(|n| near[n as usize]);
+    let inner = near.clone();
+    for edge in mesh.edges() {
+        if ends_near(edge, &inner).contains(&true) {
+            edge.iter().for_each(|n| near[*n as usize] = true);
+        }
+    }
+    let both = |edge: &[u32; 2]| ends_near(edge, &near) == [true; 2];
+    mesh.edges().iter().map(both).collect()
+}
+
 /// The fewest uncut edges that still hold `source` and `sink` together, if there are at most `limit` of them.
 ///
 /// Maximum flow by augmenting paths over unit edges (Ford & Fulkerson 1956); the cut nearest to the source. Empty if the
 /// two are already apart, `None` if more than `limit` edges hold them.
 pub fn bridging_edges(
+    mesh: &TetMesh,
+    cuts: &CutEdges,
+    source: &[u32],
+    sink: &[u32],
+    limit: usize,
+) -> Option<Vec<u32>> {
+    let all = vec![true; mesh.edges().len()];
+    bridging_edges_among(&all, mesh, cuts, source, sink, limit)
+}
+
+/// Likewise where only the edges marked in `may_part` can part.
+pub(crate) fn bridging_edges_among(
+    may_part: &[bool],
     mesh: &TetMesh,
     cuts: &CutEdges,
     source: &[u32],
@@ -102,7 +134,7 @@ pub fn bridging_edges(
     let mut is_sink = vec![false; n];
     sink.iter().for_each(|&i| is_sink[i as usize] = true);
     // Flow on an edge, +1 from its lower to its higher node.
-    let mut flow = vec![0i8; mesh.edges().len()];
+    let mut flow = vec![0i32; mesh.edges().len()];
     for found in 0.. {
         let mut came: Vec<Option<(u32, u32)>> = vec![None; n];
         let mut seen = vec![false; n];
@@ -118,7 +150,7 @@ pub fn bridging_edges(
             }
             for &(j, e) in &around[i as usize] {
                 let used = flow[e as usize] * if i < j { 1 } else { -1 };
-                if !seen[j as usize] && used < 1 {
+                if !seen[j as usize] && (used < 1 || !may_part[e as usize]) {
                     seen[j as usize] = true;
                     came[j as usize] = Some((i, e));
                     queue.push(j);

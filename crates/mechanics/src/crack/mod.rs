@@ -22,6 +22,7 @@ pub use cut_edges::CutEdges;
 pub use cut_polygon::{FacePiece, cut_area, cut_polygon, face_pieces};
 pub use enrichment::{Cell, STANDARD, Topology};
 pub use fragments::{Fragments, SMALLEST_FRAGMENT, UnionFind, bridging_edges};
+pub(crate) use fragments::{bridging_edges_among, edges_near_cuts};
 pub use lead::Lead;
 pub use surface::{CrackSurface, Front, LinePoint, Sheet};
 pub use surface_load::{LoadKind, SurfaceLoad};

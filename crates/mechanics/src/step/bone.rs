@@ -3,7 +3,10 @@ use super::walls::{in_kerf, push_walls, side_cell, tets_with};
 use crate::bone::FactorError;
 use crate::contact::{PointShell, RenewedCells, ShellPoint, ShellPoints};
 use crate::crack::stress_intensity::CellForce;
-use crate::crack::{BodyError, CrackSurface, CrackedBody, STANDARD, Solid, System, bridging_edges};
+use crate::crack::{
+    BodyError, CrackSurface, CrackedBody, STANDARD, Solid, System, bridging_edges_among,
+    edges_near_cuts,
+};
 use crate::geometry::{SignedDistance, Vec3};
 use nalgebra::{Matrix3x4, Vector3};
 use std::ops::{Deref, Range};
@@ -157,13 +160,16 @@ impl Bone {
         old.shell.regrouped(&self.points, renewed.collect())
     }
 
-    /// The edges that still hold the two ends together, if there are at most `limit` of them; see [`bridging_edges`]. The
-    /// first answer of a generation is kept, so `limit` must not change.
+    /// The edges near the crack that still hold the two ends together, if there are at most `limit` of them; see
+    /// [`bridging_edges`](crate::crack::bridging_edges). The first answer of a generation is kept, so `limit` must not change.
     pub(super) fn bridge(&self, limit: usize) -> Option<&[u32]> {
         let [source, sink] = &self.body.ends;
-        let found = self
-            .bridge
-            .get_or_init(|| bridging_edges(&self.body.mesh, &self.cuts, source, sink, limit));
+        let (mesh, cuts) = (&self.body.mesh, &self.cuts);
+        let found = self.bridge.get_or_init(|| {
+            // Elsewhere a coarser mesh may have a thinner cross-section, counted in edges.
+            let near = edges_near_cuts(mesh, cuts);
+            bridging_edges_among(&near, mesh, cuts, source, sink, limit)
+        });
         found.as_deref()
     }
 
@@ -331,6 +337,16 @@ mod tests {
             let faces = CrackFaces::new(&bone.cracked);
             assert_eq!(format!("{faces:?}"), format!("{:?}", bone.faces));
         }
+    }
+
+    /// What holds the ends together is sought near the crack: here few edges hang on either end, a corner, far from it.
+    #[test]
+    fn a_thin_place_far_from_the_crack_is_no_ligament() {
+        let bone = sawn_block();
+        let [source, sink] = &bone.body.ends;
+        let anywhere = crate::crack::bridging_edges(&bone.body.mesh, &bone.cuts, source, sink, 12);
+        assert!(anywhere.is_some());
+        assert_eq!(bone.bridge(12), None);
     }
 
     /// Equations factored afresh in mid-growth, and grown on from there, give the displacements of those that were only appended to.
