@@ -115,7 +115,8 @@ const OFF_PLANE: f64 = 6.0;
 const UNTWISTING: f64 = 2.0;
 /// Going deeper by less than this is not worth letting go of the twist \[mm\].
 const WORTH_RESEATING: f64 = 1.0;
-/// While the crack runs, and so long after it was last seen to, the hands hold still \[s\]: what drives it on is stored in the bone.
+/// While the crack runs, and so long after it was last seen to, the hands twist no further \[s\]: what drives it on is stored in the
+/// bone.
 const RUNNING: f64 = 0.06;
 /// A torque that falls below this share of its recent peak is a break felt.
 const LOSS: f64 = 0.35;
@@ -337,15 +338,13 @@ impl BuiltInSurgeon {
     }
 
     fn split(&mut self, i: usize, crack: &CrackView, wrench: &Wrench) {
-        if self.time - self.ran < RUNNING {
-            return;
-        }
         let rate = self.habits.twist_rate_deg.to_radians() * self.dt;
         let most = self.habits.twist_max_deg.to_radians();
         let both = (self.hands.iter()).all(|h| matches!(h.task, Task::Split | Task::Reseat));
         // Winding up a coupling that has no more to give would only hide the break from the hand.
         let has_torque = wrench.torque.norm() < HOLD * self.limits[i].torque;
-        if both && has_torque {
+        let runs = self.time - self.ran < RUNNING;
+        if both && has_torque && !runs {
             let hand = &mut self.hands[i];
             toward(&mut hand.twist, hand.sense * most, rate);
         }
@@ -751,7 +750,7 @@ mod tests {
 
     #[test]
     fn goes_in_before_it_twists_and_twists_against_each_other() {
-        let (mut surgeon, mut bone) = (surgeon(0), FakeBone::new(30.0, 40.0));
+        let (mut surgeon, mut bone) = (surgeon(0), FakeBone::new(5.0, 40.0));
         let mut wrenches = [Wrench::default(); 2];
         for _ in 0..4000 {
             step(&mut surgeon, &bone, &wrenches);
