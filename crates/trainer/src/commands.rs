@@ -1,11 +1,12 @@
 //! What the commands do.
 use crate::cli::{CheckArgs, DemoArgs, Failure, Mode, ReplayArgs, RunArgs};
 use crate::debrief::{Figures, Findings, Score, Subject, page};
-use crate::engine::{self, EngineUnderway, Prepared};
+use crate::engine::{self, Engine, EngineUnderway, Prepared};
 use crate::input::{Input, Leader, open_devices};
 use crate::loops::{self, Control, Sink, lockstep_on, realtime_on};
 use crate::picture::{self, write_pictures};
 use crate::prepare_command::check_patient;
+use crate::profiles::{self, Store};
 use crate::retry::{Moment, Recomputing, Schedule, recompute};
 use crate::scenario::{self, Override, Scenario, Source};
 use crate::session::{
@@ -13,6 +14,7 @@ use crate::session::{
     MetricsDocument, Outcome, Pace, Recorder, Recording, SESSION, ScenarioMessage, Seen,
     SessionFolder, StepTime, Wire, write_crack, write_final_bone,
 };
+use crate::step_times::StepTimes;
 use crate::talk::{self, Progress};
 use crate::verify::Comparison;
 use anyhow::{Context, Result, anyhow, bail};
@@ -39,6 +41,7 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failure> {
         mode: Mode::Realtime,
         out: &args.out,
         from: None,
+        earlier: &[],
     };
     let ended = session(&plan, input)?;
     tell(&ended, &args.out);
@@ -55,6 +58,8 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failure> {
 /// `run`: any scenario, any input, either mode; or on from a moment of a recording.
 pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let given = given(args)?;
+    let profile = args.profile.as_deref().map(History::open);
+    let mut profile = profile.transpose().map_err(Failure::Input)?;
     SessionFolder::check(&args.out, &SESSION).map_err(Failure::Input)?;
     let hands = match args.input.as_deref() {
         Some(path) if path != Path::new("builtin") => Some(recorded(path)?),
@@ -84,14 +89,49 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         mode: args.mode,
         out: &args.out,
         from: from.as_ref(),
+        earlier: profile.as_ref().map_or(&[], |p| &p.earlier),
     };
     let ended = session(&plan, input)?;
+    // A session is worth keeping without its history.
+    if let Some(profile) = &mut profile
+        && let Err(error) = profile.take_in(&scenario.name, &args.out, &ended)
+    {
+        talk::complain(&error);
+    }
     if args.json {
         talk::say(&json(&ended.document).map_err(Failure::Work)?);
     } else {
         tell(&ended, &args.out);
     }
     Ok(())
+}
+
+/// The profile that a session goes into.
+pub struct History {
+    store: Store,
+    name: String,
+    /// What is known of its sessions.
+    pub earlier: Vec<Figures>,
+}
+
+impl History {
+    /// A profile's.
+    pub fn open(name: &str) -> Result<Self> {
+        let mut store = profiles::store()?;
+        Ok(Self {
+            earlier: profiles::figures(&mut store, name)?,
+            name: name.to_owned(),
+            store,
+        })
+    }
+
+    /// Takes in a session that has ended.
+    pub fn take_in(&mut self, scenario: &str, folder: &Path, ended: &Ended) -> Result<()> {
+        let Some(figures) = &ended.figures else {
+            return Ok(());
+        };
+        profiles::add_to(&mut self.store, &self.name, scenario, folder, figures)
+    }
 }
 
 /// Scenario, and the moment to go on from.
@@ -231,6 +271,7 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
             mode: Mode::Lockstep,
             out,
             from: Some(&whole),
+            earlier: &[],
         };
         let ended = session(&plan, input()?)?;
         tell(&ended, out);
@@ -265,6 +306,7 @@ pub fn verified(
         recording,
         schedule: &schedule,
         steps: recording.hands[0].len() as u64,
+        control: Control::default(),
     };
     let scenario = &recording.scenario.scenario;
     recompute(&what, prepared, scenario, input, &mut comparison, progress)
@@ -324,6 +366,8 @@ pub struct Ended {
     outcome: Outcome,
     document: MetricsDocument,
     score: Option<Score>,
+    /// What a history keeps of it.
+    pub figures: Option<Figures>,
     /// Where its pictures were drawn.
     drawn_on: Option<String>,
 }
@@ -480,6 +524,8 @@ pub struct Plan<'a> {
     pub out: &'a Path,
     /// The moment that it goes on from.
     pub from: Option<&'a Moment>,
+    /// Earlier sessions of whoever trains, for the learning curve.
+    pub earlier: &'a [Figures],
 }
 
 impl Plan<'_> {
@@ -499,6 +545,7 @@ impl Plan<'_> {
         start: [Pose; 2],
         input: Input,
         sink: &mut Both,
+        control: &Control,
         watch: &mut dyn FnMut(Advance),
     ) -> Result<EngineUnderway> {
         let Some(moment) = self.from else {
@@ -511,6 +558,7 @@ impl Plan<'_> {
             recording: &moment.recording,
             schedule: &schedule,
             steps: moment.steps,
+            control: control.clone(),
         };
         let of = moment.time();
         let mut progress = |time: f64, _: bool| watch(Advance::Recomputing { time, of });
@@ -523,6 +571,9 @@ impl Plan<'_> {
             &mut progress,
         )?;
         let deviation = comparison.deviation();
+        if control.is_stopped() {
+            bail!("it was ended before the moment that it should go on from");
+        }
         if made < moment.steps {
             bail!(
                 "the recording breaks off; it can be gone on from up to {:.3} s",
@@ -546,6 +597,7 @@ pub fn keep_session(plan: &Plan, mut input: Input, watch: &mut Watch) -> Result<
         mode,
         out,
         from,
+        ..
     } = *plan;
     let start = match from {
         Some(moment) => moment.recording.start(),
@@ -559,7 +611,7 @@ pub fn keep_session(plan: &Plan, mut input: Input, watch: &mut Watch) -> Result<
     let work = || -> Result<Ended> {
         let mut recorder = Recorder::create(folder.path(), &first)?;
         let mut sink = Both(&mut recorder, watch.sink);
-        let underway = plan.begin(start, input, &mut sink, watch.progress)?;
+        let underway = plan.begin(start, input, &mut sink, &watch.control, watch.progress)?;
         let mut progress =
             |time: f64, is_severed: bool| (watch.progress)(Advance::Running { time, is_severed });
         let engine = match mode {
@@ -586,13 +638,12 @@ pub fn keep_session(plan: &Plan, mut input: Input, watch: &mut Watch) -> Result<
             outcome: metrics.outcome(),
             document: metrics.document(),
             score: None,
+            figures: None,
             drawn_on: None,
             metrics,
         };
         // A session is worth keeping without its debrief.
-        if watch.draws
-            && let Err(error) = look_back(prepared, &folder, &mut ended, watch.progress)
-        {
+        if let Err(error) = look_back(plan, &engine, &folder, &mut ended, watch) {
             talk::complain(&error);
         }
         folder.write("metrics.json", &json(&ended.document)?)?;
@@ -617,29 +668,44 @@ fn keep(folder: SessionFolder, error: anyhow::Error) -> anyhow::Error {
     }
 }
 
-/// What the recording that `folder` holds says: figures, page, pictures.
+/// What the recording that `folder` holds says: figures, and where pictures are wanted page and pictures.
 fn look_back(
-    prepared: &Prepared,
+    plan: &Plan,
+    engine: &Engine,
     folder: &SessionFolder,
     ended: &mut Ended,
-    watch: &mut dyn FnMut(Advance),
+    watch: &mut Watch,
 ) -> Result<()> {
+    let prepared = plan.prepared;
     let recording = Recording::read(&folder.path().join("session.mcap"))?;
     let findings = Findings::of(prepared, &recording).context("the debrief")?;
     let score = findings.score(&recording);
     ended.document.complete(&findings, score.clone());
     let figures = Figures::of(&recording.scenario.scenario.name, &findings, &score);
-    let subject = Subject {
-        prepared,
-        recording: &recording,
-        findings: &findings,
-        score: &score,
-        figures: &figures,
-    };
-    let html = page(&subject, None, &[]).context("the debrief page")?;
-    folder.write("report.html", &html)?;
+    let mut times = StepTimes::default();
+    let tools = engine::tools_among(prepared, plan.scenario)?;
+    times.contact(engine, &tools, &recording.hands);
+    times.growths(prepared, &recording)?;
+    if watch.draws {
+        let subject = Subject {
+            prepared,
+            recording: &recording,
+            findings: &findings,
+            score: &score,
+            figures: &figures,
+        };
+        let mut curve = plan.earlier.to_vec();
+        if !curve.is_empty() {
+            curve.push(figures.clone());
+        }
+        let html = page(&subject, None, &curve).context("the debrief page")?;
+        folder.write("report.html", &html)?;
+        let drawn = pictures(prepared, folder.path(), &recording, &mut times, watch)?;
+        ended.drawn_on = Some(drawn);
+    }
+    ended.document.time_steps(&times);
     ended.score = Some(score);
-    ended.drawn_on = Some(pictures(prepared, folder.path(), &recording, watch)?);
+    ended.figures = Some(figures);
     Ok(())
 }
 
@@ -648,14 +714,16 @@ fn pictures(
     prepared: &Prepared,
     folder: &Path,
     recording: &Recording,
-    watch: &mut dyn FnMut(Advance),
+    times: &mut StepTimes,
+    watch: &mut Watch,
 ) -> Result<String> {
-    let mut progress = |done: usize, of: usize| watch(Advance::Drawing { done, of });
+    let mut progress = |done: usize, of: usize| (watch.progress)(Advance::Drawing { done, of });
     let mut stage = picture::Stage::new(prepared, recording)?;
     let mut renderer = Renderer::fastest();
     let pictures = folder.join("pictures");
     write_pictures(&mut stage, &mut renderer, &pictures, &mut progress)
         .context("the pictures of the session")?;
+    times.views(&mut stage, &mut renderer)?;
     Ok(renderer.place())
 }
 

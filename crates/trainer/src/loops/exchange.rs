@@ -144,7 +144,8 @@ impl Control {
     pub fn stop(&self) {
         self.0.stop.store(true, Ordering::Release);
     }
-    fn is_stopped(&self) -> bool {
+    /// Whether it is to end.
+    pub fn is_stopped(&self) -> bool {
         self.0.stop.load(Ordering::Acquire)
     }
 }

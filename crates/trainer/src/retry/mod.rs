@@ -15,11 +15,13 @@ use crate::session::{Origin, Recording};
 use anyhow::{Context, Result, bail};
 use sha2::{Digest, Sha256};
 use std::path::Path;
+use std::sync::Arc;
 
 /// A moment of a recording from which a session goes on.
+#[derive(Clone)]
 pub struct Moment {
     /// The recording.
-    pub recording: Recording,
+    pub recording: Arc<Recording>,
     /// Haptic steps up to the moment.
     pub steps: u64,
     /// SHA-256 of its file.
@@ -40,29 +42,39 @@ impl Moment {
         Ok(Self {
             steps: recording.hands[0].len() as u64,
             sha256: hash.iter().map(|b| format!("{b:02x}")).collect(),
-            recording,
+            recording: Arc::new(recording),
         })
     }
 
     /// `at` \[s\] from the beginning, to the nearest haptic step.
     ///
     /// # Errors
-    /// Likewise; a moment that the recording does not have, or from which it cannot be computed anew.
+    /// As [`end`](Self::end) and [`at`](Self::at).
     pub fn read(path: &Path, at: f64) -> Result<Self> {
-        let name = path.display();
-        let mut this = Self::end(path)?;
-        let lasts = this.time();
-        let steps = (at * this.scenario().loops.haptic_hz).round();
-        if !(steps >= 1.0 && steps <= this.steps as f64) {
+        let moment = Self::end(path)?.at(at);
+        moment.with_context(|| path.display().to_string())
+    }
+
+    /// Another moment of the same recording, `at` \[s\] from its beginning.
+    ///
+    /// # Errors
+    /// A moment that the recording does not have, or from which it cannot be computed anew.
+    pub fn at(&self, at: f64) -> Result<Self> {
+        let steps = (at * self.scenario().loops.haptic_hz).round();
+        let n = self.recording.hands[0].len();
+        if !(steps >= 1.0 && steps <= n as f64) {
+            let lasts = n as f64 * self.scenario().loops.dt();
             bail!(
-                "{name} has no moment at {at} s; it lasts {lasts:.3} s, give a time above 0 and up to that"
+                "there is no moment at {at} s; the recording lasts {lasts:.3} s, give a time above 0 and up to that"
             );
         }
-        if let Some(why) = Schedule::of(&this.recording).why_unknown() {
-            bail!("{name} cannot be gone on from: {why}; record a session anew");
+        if let Some(why) = Schedule::of(&self.recording).why_unknown() {
+            bail!("the recording cannot be gone on from: {why}; record a session anew");
         }
-        this.steps = steps as u64;
-        Ok(this)
+        Ok(Self {
+            steps: steps as u64,
+            ..self.clone()
+        })
     }
 
     /// When it is \[s\].

@@ -2,8 +2,8 @@ use super::schedule::{Schedule, View};
 use crate::engine::{Engine, EngineUnderway, Held, MainOfEngine, Prepared, PropagationOfEngine};
 use crate::input::Input;
 use crate::loops::{
-    BoneClock, HapticLoop, HapticPart, MainPart, Progress, Propagated, PropagationPart, Sink,
-    Underway, view,
+    BoneClock, Control, HapticLoop, HapticPart, MainPart, Progress, Propagated, PropagationPart,
+    Sink, Underway, view,
 };
 use crate::scenario::Scenario;
 use crate::session::{BoneSample, Loop, Recording};
@@ -18,10 +18,12 @@ pub struct Recomputing<'a> {
     pub schedule: &'a Schedule,
     /// Up to how many haptic steps.
     pub steps: u64,
+    /// Who may end it before.
+    pub control: Control,
 }
 
 /// Makes the steps of a recording once more, in the order in which they had read each other, and tells `sink` of them; gives back the
-/// session after them, and how many haptic steps were made: fewer than wanted only if the recording breaks off.
+/// session after them, and how many haptic steps were made: fewer than wanted only if the recording breaks off, or somebody ended it.
 ///
 /// # Errors
 /// What the sink reports, or a scenario that the mechanics refuses.
@@ -56,7 +58,7 @@ pub fn recompute(
     let dt = scenario.loops.dt();
     let mut made = 0;
     stage.main_steps(0, 0.0, sink)?;
-    while made < what.steps {
+    while made < what.steps && !what.control.is_stopped() {
         match what.schedule.view(made) {
             View::Newest => stage.held.show_newest(),
             View::AsBefore => {}

@@ -50,6 +50,7 @@ impl Stage {
             mode,
             out: &self.folder.path().join(out),
             from,
+            earlier: &[],
         };
         let mut watch = Watch {
             control: Control::default(),
@@ -125,10 +126,10 @@ fn a_session_gone_on_from_with_its_own_hands_is_the_session_that_it_was() {
     }
     for (at, word) in [
         (0.0, "no moment at 0"),
-        (9.5, "it lasts 1.5"),
+        (9.5, "lasts 1.5"),
         (f64::NAN, "no moment"),
     ] {
-        let told = stage.moment(at).err().unwrap().to_string();
+        let told = stage.moment(at).err().map(|e| format!("{e:#}")).unwrap();
         assert!(told.contains(word), "{told}");
     }
 }

@@ -17,4 +17,4 @@ pub use sample::{
 };
 
 #[cfg(test)]
-pub use sample::tests;
+pub(crate) use sample::tests;

@@ -281,7 +281,7 @@ impl Wire for HandSample {
 }
 
 #[cfg(test)]
-pub mod tests {
+pub(crate) mod tests {
     use super::*;
 
     pub fn hand(x: f64) -> HandSample {

@@ -8,9 +8,12 @@
 //! hands; both are read without waiting. So a slow window, or none at all, is nothing to the haptic loop.
 mod app;
 mod catalogue;
+mod coach;
 mod conductor;
 mod eye;
+mod guide;
 mod live;
+mod look_back;
 mod mouse_hands;
 mod orbit;
 mod panels;
@@ -20,6 +23,7 @@ mod scene;
 mod settings;
 mod shortcuts;
 mod style;
+mod teacher;
 
 use crate::cli::{Failure, TrainArgs};
 use anyhow::{Result, anyhow};

@@ -5,7 +5,7 @@ use super::conductor::Phase;
 use super::live::look;
 use super::mouse_hands::Held;
 use super::shortcuts::{self, Command};
-use super::{plots, style};
+use super::{plots, style, teacher};
 use crate::picture::View;
 use crate::talk;
 use eframe::egui::{
@@ -16,12 +16,12 @@ use std::path::Path;
 
 const HANDS: [&str; 2] = ["Left hand", "Right hand"];
 
-fn frame(margin: Margin) -> Frame {
+pub(super) fn frame(margin: Margin) -> Frame {
     Frame::new().fill(style::PANEL).inner_margin(margin)
 }
 
 /// A group under a title.
-fn card(ui: &mut Ui, title: &str, content: impl FnOnce(&mut Ui)) {
+pub(super) fn card(ui: &mut Ui, title: &str, content: impl FnOnce(&mut Ui)) {
     Frame::new()
         .fill(style::CARD)
         .corner_radius(CornerRadius::same(7))
@@ -58,7 +58,7 @@ fn buttons(w: &mut Window, ui: &mut Ui, ctx: &Context) {
         Phase::Running => ("Pause", true),
         Phase::Paused => ("Go on", true),
         Phase::Ready => ("Start", true),
-        Phase::Empty | Phase::Preparing | Phase::Keeping => ("Start", false),
+        Phase::Empty | Phase::Preparing | Phase::Recomputing | Phase::Keeping => ("Start", false),
     };
     let main = Button::new(RichText::new(go).strong().color(Color32::WHITE))
         .fill(style::ACCENT)
@@ -70,7 +70,7 @@ fn buttons(w: &mut Window, ui: &mut Ui, ctx: &Context) {
     {
         w.obey(ctx, Command::Go);
     }
-    let is_live = matches!(phase, Phase::Running | Phase::Paused);
+    let is_live = matches!(phase, Phase::Running | Phase::Paused | Phase::Recomputing);
     let has_run = is_live || look(&w.live).time > 0.0;
     for (text, can, hint, command) in [
         (
@@ -111,8 +111,10 @@ fn state(w: &mut Window, ui: &mut Ui, ctx: &Context) {
     let (word, color) = match w.conductor.phase() {
         Phase::Empty => ("No scenario", style::BAD),
         Phase::Preparing => ("Preparing", style::FAIR),
-        Phase::Ready if time > 0.0 => ("Ended", style::WEAK),
+        Phase::Ready if time > 0.0 && w.teacher.back.is_none() => ("Ended", style::WEAK),
         Phase::Ready => ("Ready", style::GOOD),
+        _ if w.teacher.back.is_some() => ("Looking back", style::ACCENT),
+        Phase::Recomputing => ("Recomputing", style::FAIR),
         Phase::Running if is_split => ("Running, split", style::GOOD),
         Phase::Running => ("Running", style::GOOD),
         Phase::Paused => ("Paused", style::FAIR),
@@ -180,12 +182,14 @@ pub fn left(w: &mut Window, ui: &mut Ui) {
                 card(ui, "Scenario", |ui| scenario(w, ui));
                 card(ui, "Hands", |ui| hands(w, ui));
                 card(ui, "View", |ui| view(w, ui));
+                card(ui, "Who trains", |ui| teacher::profile(w, ui));
+                card(ui, "Teaching", |ui| teacher::switches(w, ui));
                 card(ui, "Sessions", |ui| sessions(w, ui));
             });
         });
 }
 
-fn wide_combo(id: &str, selected: &str, ui: &Ui) -> ComboBox<'static> {
+pub(super) fn wide_combo(id: &str, selected: &str, ui: &Ui) -> ComboBox<'static> {
     ComboBox::from_id_salt(id.to_owned())
         .selected_text(selected.to_owned())
         .width(ui.available_width())
@@ -215,7 +219,7 @@ fn scenario(w: &mut Window, ui: &mut Ui) {
     ui.horizontal(|ui| {
         let width = ui.available_width() - 56.0;
         let edit = egui::TextEdit::singleline(&mut w.path)
-            .hint_text("Scenario file (TOML)")
+            .hint_text("Scenario or session file")
             .desired_width(width - 8.0);
         let entered = ui.add(edit).lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter));
         let button = ui.add_enabled(!w.path.trim().is_empty(), Button::new("Open"));
@@ -228,12 +232,16 @@ fn scenario(w: &mut Window, ui: &mut Ui) {
 /// Goes over to the scenario file whose path has been typed or dropped.
 pub fn open_path(w: &mut Window) {
     let path = w.path.trim().to_owned();
-    if Path::new(&path).is_file() {
+    let is_recording = Path::new(&path).extension().is_some_and(|e| e == "mcap");
+    if is_recording && Path::new(&path).is_file() {
+        w.look_back(Path::new(&path));
+        w.path.clear();
+    } else if Path::new(&path).is_file() {
         w.select(&path);
         w.path.clear();
     } else if !path.is_empty() {
         w.notify(format!(
-            "{path}: there is no such file; give a scenario (TOML)"
+            "{path}: there is no such file; give a scenario (TOML) or a session.mcap"
         ));
     }
 }
@@ -339,6 +347,7 @@ pub fn right(w: &mut Window, ui: &mut Ui) {
         .frame(frame(Margin::symmetric(10, 8)))
         .show(ui, |ui| {
             card(ui, "Crack", |ui| crack(w, ui));
+            teacher::coach(w, ui);
             for (i, name) in HANDS.into_iter().enumerate() {
                 card(ui, name, |ui| gauges(w, ui, i));
             }
@@ -346,7 +355,7 @@ pub fn right(w: &mut Window, ui: &mut Ui) {
         });
 }
 
-fn row(ui: &mut Ui, name: &str, value: RichText) {
+pub(super) fn row(ui: &mut Ui, name: &str, value: RichText) {
     ui.horizontal(|ui| {
         ui.label(RichText::new(name).color(style::WEAK));
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| ui.label(value));
@@ -428,7 +437,7 @@ pub fn plots(w: &mut Window, ui: &mut Ui) {
 }
 
 /// Over the whole window.
-fn sheet(name: &str) -> egui::Modal {
+pub(super) fn sheet(name: &str) -> egui::Modal {
     let frame = Frame::new()
         .fill(style::CARD)
         .stroke(egui::Stroke::new(1.0, style::LINE))
@@ -495,6 +504,8 @@ pub fn summary(w: &mut Window, ctx: &Context) {
     let outcome = kept.metrics.outcome();
     let folder = kept.folder.clone();
     let mut command = None;
+    let mut looks_back = false;
+    let score = kept.score;
     let modal = sheet("summary").show(ctx, |ui| {
         ui.set_width(560.0);
         let (title, color) = match outcome.time {
@@ -505,6 +516,9 @@ pub fn summary(w: &mut Window, ctx: &Context) {
         ui.add_space(4.0);
         for line in talk::summary(&outcome).lines() {
             ui.label(line);
+        }
+        if let Some(score) = score {
+            ui.label(RichText::new(format!("Score: {score:.0} %")).strong());
         }
         ui.add_space(4.0);
         let shown = RichText::new(folder.display().to_string()).small();
@@ -517,11 +531,18 @@ pub fn summary(w: &mut Window, ctx: &Context) {
             if ui.button("Try again").clicked() {
                 command = Some(Some(Command::Retry));
             }
+            if ui.button("Look back").clicked() {
+                looks_back = true;
+            }
             if ui.button("Look at the bone").clicked() {
                 command = Some(Some(Command::Dismiss));
             }
         });
     });
+    if looks_back {
+        w.look_back(&folder.join("session.mcap"));
+        return;
+    }
     match command {
         Some(Some(command)) => w.obey(ctx, command),
         Some(None) => {
@@ -534,11 +555,17 @@ pub fn summary(w: &mut Window, ctx: &Context) {
     }
 }
 
+/// Takes away how the last session went.
+pub fn forget_summary(w: &mut Window) {
+    w.summary = None;
+}
+
 /// How far a patient's preparation or the keeping of a session is.
 pub fn progress(w: &Window, ui: &mut Ui) {
     let (words, share) = w.conductor.stand();
     let title = match w.conductor.phase() {
         Phase::Preparing => "Preparing the patient",
+        Phase::Recomputing => "Going back to the moment",
         Phase::Keeping => "Keeping the session",
         _ => return,
     };
