@@ -710,8 +710,8 @@ mod tests {
             input.write(&[load; 2], &poses);
             poses
         };
-        for k in 0..100 {
-            assert_eq!(step()[0], hands[0][k].device_pose, "step {k}");
+        for (k, sample) in hands[0].iter().enumerate() {
+            assert_eq!(step()[0], sample.device_pose, "step {k}");
         }
         let way = |p: &Pose| (p.translation.vector - end.translation.vector).norm();
         let mut before = [end; 2];

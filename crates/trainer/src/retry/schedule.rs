@@ -35,8 +35,8 @@ pub struct Schedule {
 impl Schedule {
     /// As recorded. A recording in lockstep has a known one without saying so.
     pub fn of(recording: &Recording) -> Self {
-        let lost = recording.events.iter().map(|e| &e.1);
-        let lost = lost.filter(|e| e.contains("not recorded")).next_back();
+        let mut events = recording.events.iter().map(|e| &e.1);
+        let lost = events.rfind(|e| e.contains("not recorded"));
         let is_lockstep = recording.scenario.mode == "lockstep";
         if recording.exchange.is_empty() || lost.is_some() {
             let why = match lost {

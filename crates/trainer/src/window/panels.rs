@@ -1,6 +1,7 @@
 //! What stands around the scene.
 use super::app::{STEREO, Window};
 use super::catalogue::{self, Leading};
+use super::coach::Hints;
 use super::conductor::Phase;
 use super::live::look;
 use super::mouse_hands::Held;
@@ -346,10 +347,10 @@ pub fn right(w: &mut Window, ui: &mut Ui) {
         .exact_size(236.0)
         .frame(frame(Margin::symmetric(10, 8)))
         .show(ui, |ui| {
-            card(ui, "Crack", |ui| crack(w, ui));
-            teacher::coach(w, ui);
+            let hints = teacher::hints(w);
+            card(ui, "Crack", |ui| crack(w, ui, hints.as_ref()));
             for (i, name) in HANDS.into_iter().enumerate() {
-                card(ui, name, |ui| gauges(w, ui, i));
+                card(ui, name, |ui| gauges(w, ui, i, hints.as_ref()));
             }
             card(ui, "Events", |ui| events(w, ui));
         });
@@ -362,7 +363,7 @@ pub(super) fn row(ui: &mut Ui, name: &str, value: RichText) {
     });
 }
 
-fn crack(w: &Window, ui: &mut Ui) {
+fn crack(w: &Window, ui: &mut Ui, hints: Option<&Hints>) {
     let live = look(&w.live);
     row(
         ui,
@@ -379,29 +380,38 @@ fn crack(w: &Window, ui: &mut Ui) {
         None => RichText::new("not complete"),
     };
     row(ui, "Split", split.strong());
+    if let Some(hints) = hints.filter(|h| h.crack.is_some()) {
+        row(ui, "To the canal", teacher::distance(hints.crack.as_ref()));
+    }
+    if teacher::is_exam(w) {
+        ui.label(RichText::new("Exam: no hints").small().color(style::FAIR));
+    }
 }
 
-fn gauges(w: &Window, ui: &mut Ui, i: usize) {
+fn gauges(w: &Window, ui: &mut Ui, i: usize, hints: Option<&Hints>) {
     let live = look(&w.live);
-    let limits = w
-        .conductor
-        .ready()
-        .map(|r| r.scenario.tool[i].limits.clone());
-    let limits = limits.unwrap_or_default();
+    let Some(tool) = w.conductor.ready().map(|r| r.scenario.tool[i].clone()) else {
+        return;
+    };
+    let limits = &tool.limits;
     let wrench = live.hands.map(|h| h.hands[i].wrench).unwrap_or_default();
-    let [force, torque] = live.loads[i];
-    plots::gauge(
-        ui,
-        "Force",
-        &format!("{force:.0} N"),
+    let shares = [
         wrench.force.norm() / limits.force,
-    );
-    plots::gauge(
-        ui,
-        "Torque",
-        &format!("{torque:.0} N mm"),
         wrench.torque.norm() / limits.torque,
-    );
+    ];
+    let scales = [
+        tool.force_scale / limits.force,
+        tool.torque_scale / limits.torque,
+    ];
+    for (k, (name, unit)) in [("Force", "N"), ("Torque", "N mm")].into_iter().enumerate() {
+        match hints.map(|h| &h.loads[i][k]) {
+            Some(hint) => teacher::load(ui, name, hint, unit, shares[k], hint.good * scales[k]),
+            None => {
+                let text = format!("{:.0} {unit}", live.loads[i][k]);
+                plots::gauge(ui, name, &text, shares[k]);
+            }
+        }
+    }
     let contacts = live.hands.map_or(0, |h| h.hands[i].contacts);
     let (text, color) = if live.saturated[i] {
         ("device at its limit", style::BAD)
@@ -410,7 +420,18 @@ fn gauges(w: &Window, ui: &mut Ui, i: usize) {
     } else {
         ("free", style::WEAK)
     };
-    ui.label(RichText::new(text).small().color(color));
+    let state = RichText::new(text).small().color(color);
+    let Some(hints) = hints else {
+        ui.label(state);
+        return;
+    };
+    ui.horizontal(|ui| {
+        ui.label(state);
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.label(teacher::distance(hints.tools[i].as_ref()).small());
+            ui.label(RichText::new("to the canal").small().color(style::WEAK));
+        });
+    });
 }
 
 fn events(w: &Window, ui: &mut Ui) {

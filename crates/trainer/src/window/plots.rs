@@ -156,9 +156,16 @@ pub fn gauge(ui: &mut Ui, name: &str, text: &str, share: f64) {
     marked(ui, name, text, share, color, &[0.5, 0.8]);
 }
 
-/// A figure as a bar in a colour of its own, with a mark in the middle.
-pub fn bar(ui: &mut Ui, name: &str, text: &str, share: f64, color: Color32) {
-    marked(ui, name, text, share, color, &[0.5]);
+/// A load as a bar in a colour of its own, with a mark at its target.
+pub fn bar(ui: &mut Ui, name: &str, text: &str, share: f64, color: Color32, target: f64) {
+    marked(
+        ui,
+        name,
+        text,
+        share,
+        color,
+        &[target.clamp(0.0, 1.0) as f32],
+    );
 }
 
 fn marked(ui: &mut Ui, name: &str, text: &str, share: f64, color: Color32, marks: &[f32]) {

@@ -1,12 +1,12 @@
 //! What teaches, drawn: hints, the guided first run, profiles, and the strip on which a recorded session is scrubbed.
 use super::app::Window;
-use super::coach::{Coach, Hint, Verdict};
+use super::coach::{Coach, Hint, Hints, Verdict};
 use super::conductor::Phase;
 use super::guide::{Guide, Lesson, Sight};
 use super::live::look;
 use super::look_back::{LookBack, SPEEDS};
 use super::mouse_hands::Held;
-use super::panels::{self, card, frame, row, sheet, wide_combo};
+use super::panels::{self, frame, sheet, wide_combo};
 use super::{catalogue::Leading, plots, style};
 use crate::picture::View;
 use crate::profiles::{self, Entry};
@@ -86,55 +86,31 @@ fn color(verdict: Verdict) -> Color32 {
     }
 }
 
-/// Hints, or that there are none in an exam.
-pub fn coach(w: &mut Window, ui: &mut Ui) {
-    if is_exam(w) {
-        card(ui, "Coach", |ui| {
-            ui.label(RichText::new("Exam: no hints").color(style::FAIR));
-        });
-        return;
-    }
-    if !may_hint(w) {
-        return;
-    }
-    let Some(ready) = w.conductor.ready().cloned() else {
-        return;
-    };
+/// What the coach says now; nothing in an exam, or where it is switched off.
+pub fn hints(w: &mut Window) -> Option<Hints> {
+    let ready = w.conductor.ready()?.clone();
     if w.teacher.coach.as_ref().is_none_or(|c| !c.is_for(&ready)) {
         w.teacher.coach = Some(Coach::new(&ready));
     }
-    let Some(coach) = &mut w.teacher.coach else {
-        return;
-    };
-    let hints = coach.hints(&look(&w.live));
-    card(ui, "Coach", |ui| {
-        for (i, name) in ["Left", "Right"].into_iter().enumerate() {
-            let [force, torque] = hints.loads[i];
-            load(ui, &format!("{name} force"), &force, "N");
-            load(ui, &format!("{name} torque"), &torque, "N mm");
-        }
-        let mm = |h: &Hint| RichText::new(format!("{:.1} mm", h.value)).color(color(h.verdict));
-        let unknown = || RichText::new("not known").color(style::WEAK);
-        for (i, name) in ["Left", "Right"].into_iter().enumerate() {
-            let value = hints.tools[i].as_ref().map_or_else(unknown, mm);
-            row(ui, &format!("{name} to the canal"), value);
-        }
-        if let Some(crack) = &hints.crack {
-            row(ui, "Crack to the canal", mm(crack));
-        }
-    });
+    if !may_hint(w) {
+        return None;
+    }
+    let hints = w.teacher.coach.as_mut()?.hints(&look(&w.live));
+    Some(hints)
 }
 
-/// Against the target: a full bar is twice of it.
-fn load(ui: &mut Ui, name: &str, hint: &Hint, unit: &str) {
+/// Distance to the canal, in the colour of its verdict.
+pub fn distance(hint: Option<&Hint>) -> RichText {
+    match hint {
+        Some(h) => RichText::new(format!("{:.1} mm", h.value)).color(color(h.verdict)),
+        None => RichText::new("not known").color(style::WEAK),
+    }
+}
+
+/// A load against the device's limit, with a mark at its target.
+pub fn load(ui: &mut Ui, name: &str, hint: &Hint, unit: &str, share: f64, target: f64) {
     let text = format!("{:.0} of {:.0} {unit}", hint.value, hint.good);
-    plots::bar(
-        ui,
-        name,
-        &text,
-        0.5 * hint.value / hint.good,
-        color(hint.verdict),
-    );
+    plots::bar(ui, name, &text, share, color(hint.verdict), target);
 }
 
 /// Switches of the coach, below those of the view.
