@@ -169,6 +169,16 @@ impl Figures {
             2,
             f.teeth.as_ref().map(|t| t.seconds).map_err(String::as_str),
         );
+        let touched: Vec<f64> = f.context.iter().filter_map(|c| c.seconds).collect();
+        row(
+            "Tools touching what is around the jaw, surface by surface",
+            "s",
+            2,
+            match touched.is_empty() {
+                true => Err("nothing closed is around the jaw"),
+                false => Ok(touched.iter().sum()),
+            },
+        );
         Self {
             name: name.to_owned(),
             rows,

@@ -1,7 +1,8 @@
 //! `metrics.json`: the figures of a session, gathered sample by sample.
 use super::sample::{GrowthSample, HapticSample, Loop, MainSample, StepTime};
 use crate::debrief::{
-    BadSplit, Findings, HandFindings, NerveFindings, PathFindings, Score, TeethFindings,
+    BadSplit, ContextFindings, Findings, HandFindings, NerveFindings, PathFindings, Score,
+    TeethFindings,
 };
 use crate::scenario::Scenario;
 use crate::step_times::StepTimes;
@@ -29,6 +30,7 @@ struct Debrief {
     hands: [HandFindings; 2],
     balance: Option<f64>,
     teeth: Known<TeethFindings>,
+    context: Vec<ContextFindings>,
     nerve: Known<NerveFindings>,
     path: Option<PathFindings>,
     bad_split: Known<BadSplit>,
@@ -98,6 +100,7 @@ impl MetricsDocument {
             hands: findings.hands.clone(),
             balance: findings.balance,
             teeth: Known::of(&findings.teeth),
+            context: findings.context.clone(),
             nerve: Known::of(&findings.nerve),
             path: findings.path,
             bad_split: Known::of(&findings.bad_split),
