@@ -328,6 +328,7 @@ fn a_session_is_looked_back_at_gone_on_from_and_remembered() {
     assert!(added.unwrap().status.success());
     stage.rehearse(
         "wait Ready
+         size 1500 980
          wait to the canal
          click Start
          wait Running

@@ -112,9 +112,9 @@ fn state(w: &mut Window, ui: &mut Ui, ctx: &Context) {
     let (word, color) = match w.conductor.phase() {
         Phase::Empty => ("No scenario", style::BAD),
         Phase::Preparing => ("Preparing", style::FAIR),
-        Phase::Ready if time > 0.0 && w.teacher.back.is_none() => ("Ended", style::WEAK),
+        Phase::Ready if w.teacher.back.is_some() => ("Looking back", style::ACCENT),
+        Phase::Ready if time > 0.0 => ("Ended", style::WEAK),
         Phase::Ready => ("Ready", style::GOOD),
-        _ if w.teacher.back.is_some() => ("Looking back", style::ACCENT),
         Phase::Recomputing => ("Recomputing", style::FAIR),
         Phase::Running if is_split => ("Running, split", style::GOOD),
         Phase::Running => ("Running", style::GOOD),
