@@ -90,8 +90,11 @@ impl<'a> Balance<'a> {
 
     /// Short pieces of a stretch, each moved as far as if it were alone, hardest driven first.
     fn windows(&self, moves: &[Vec3]) -> Vec<Vec<Vec3>> {
-        let mut windows: Vec<(f64, usize)> = (0..moves.len().saturating_sub(WINDOW))
-            .step_by(WINDOW / 2)
+        let Some(last) = moves.len().checked_sub(WINDOW) else {
+            return Vec::new();
+        };
+        let starts = (0..last).step_by(WINDOW / 2).chain([last]);
+        let mut windows: Vec<(f64, usize)> = starts
             .map(|first| {
                 let sum = moves[first..first + WINDOW].iter().map(Vec3::norm).sum();
                 (sum, first)
