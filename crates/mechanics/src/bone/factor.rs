@@ -202,6 +202,12 @@ impl Factor {
         self.values.len()
     }
 
+    /// Number of values that a sweep on `path` passes through.
+    pub fn n_values_on(&self, path: &Path) -> usize {
+        let own = |s: &u32| self.values(*s as usize).len();
+        path.supernodes.iter().map(own).sum()
+    }
+
     /// The path of right-hand sides that are zero but at the given unknowns.
     pub fn path(&self, unknowns: impl IntoIterator<Item = u32>) -> Path {
         let mut seen = vec![false; self.parent.len()];
@@ -220,6 +226,12 @@ impl Factor {
     /// All supernodes.
     pub fn whole(&self) -> Path {
         self.path_of((0..self.parent.len() as u32).collect())
+    }
+
+    /// All supernodes but those of `path`.
+    pub(super) fn rest(&self, path: &Path) -> Path {
+        let is_off = |s: &u32| path.supernodes.binary_search(s).is_err();
+        self.path_of((0..self.parent.len() as u32).filter(is_off).collect())
     }
 
     /// Packs the rows of `path` out of places of L.
@@ -274,6 +286,14 @@ impl Factor {
         for &s in &path.supernodes {
             self.columns(s as usize)
                 .for_each(|i| y[i] = x[self.unknown_at[i] as usize]);
+        }
+    }
+
+    /// Copies what lies on `path`, both in places of L.
+    pub(super) fn copy(&self, path: &Path, from: &[f64], to: &mut [f64]) {
+        for &s in &path.supernodes {
+            let columns = self.columns(s as usize);
+            to[columns.clone()].copy_from_slice(&from[columns]);
         }
     }
 

@@ -399,6 +399,28 @@ impl System {
         self.factor.sweep_down(swept, x, scratch);
     }
 
+    /// The backward half of a solve in a region only; see [`Bordered::sweep_down_region`].
+    pub fn sweep_down_region(
+        &self,
+        region: &Region,
+        swept: &Swept,
+        x: &mut [f64],
+        scratch: &mut SolveScratch,
+    ) {
+        self.factor.sweep_down_region(region, swept, x, scratch);
+    }
+
+    /// What a sweep down a region left out; see [`Bordered::sweep_down_rest`].
+    pub fn sweep_down_rest(
+        &self,
+        region: &Region,
+        swept: &mut Swept,
+        x: &mut [f64],
+        scratch: &mut SolveScratch,
+    ) {
+        self.factor.sweep_down_rest(region, swept, x, scratch);
+    }
+
     /// Adds half-solved right-hand sides, `q` times each; see [`Bordered::add_half`].
     pub fn add_half(&self, half: &HalfSolved, q: &[f64], swept: &mut Swept) {
         self.factor.add_half(half, q, swept);

@@ -64,14 +64,14 @@ impl<'a> Balance<'a> {
     }
 
     /// What of a stretch that cannot pay as it would move can pay by itself: the stretch moved as far as if no other front were
-    /// driven harder, or a short piece of it.
+    /// driven harder, or as if no vertex of it were driven harder than half of its vertices are, or a short piece of it.
     pub fn advance_some(&self, front: &Front, moves: &[Vec3]) -> Result<Option<Trial>, BodyError> {
         let increment = self.body.solid.lengths.increment;
         let farthest = longest(moves);
         let alone = (farthest < 0.9 * increment).then(|| scaled(moves, increment / farthest));
         let alone = alone.map(|moves| parts(&moves)).unwrap_or_default();
-        let pieces = alone.into_iter().chain(self.windows(moves));
-        self.first_paid(front, pieces)
+        let pieces = alone.into_iter().chain([levelled(moves, increment)]);
+        self.first_paid(front, pieces.chain(self.windows(moves)))
     }
 
     fn first_paid(
@@ -93,7 +93,7 @@ impl<'a> Balance<'a> {
         let Some(last) = moves.len().checked_sub(WINDOW) else {
             return Vec::new();
         };
-        let starts = (0..last).step_by(WINDOW / 2).chain([last]);
+        let starts = (0..last).step_by(WINDOW - 1).chain([last]);
         let mut windows: Vec<(f64, usize)> = starts
             .map(|first| {
                 let sum = moves[first..first + WINDOW].iter().map(Vec3::norm).sum();
@@ -117,7 +117,7 @@ impl<'a> Balance<'a> {
 /// Vertices of a front that are tried by themselves: some four element sizes.
 const WINDOW: usize = 9;
 /// So many windows of a stretch are tried.
-const MOST_WINDOWS: usize = 6;
+const MOST_WINDOWS: usize = 8;
 
 /// A stretch as a whole, and what of it moves at least so far relative to the farthest.
 fn parts(moves: &[Vec3]) -> Vec<Vec<Vec3>> {
@@ -134,6 +134,18 @@ fn parts(moves: &[Vec3]) -> Vec<Vec<Vec3>> {
         }
     }
     parts
+}
+
+/// Half of the moving vertices move by the increment, the others in proportion to how hard they are driven. Beside a chisel one vertex
+/// may be driven ten times as hard as all others, which then hardly move.
+fn levelled(moves: &[Vec3], increment: f64) -> Vec<Vec3> {
+    let mut lengths: Vec<f64> = moves.iter().map(Vec3::norm).filter(|l| *l > 0.0).collect();
+    lengths.sort_by(f64::total_cmp);
+    let Some(median) = lengths.get(lengths.len() / 2) else {
+        return moves.to_vec();
+    };
+    let level = |m: &Vec3| m.cap_magnitude(*median) * (increment / median);
+    moves.iter().map(level).collect()
 }
 
 fn scaled(moves: &[Vec3], by: f64) -> Vec<Vec3> {

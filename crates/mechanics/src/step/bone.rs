@@ -209,6 +209,20 @@ impl Bone {
         }
     }
 
+    /// The same of some cells only.
+    pub(super) fn deform_cells(&self, state: &mut BoneState, cells: &[u32]) {
+        let mesh = &self.body.mesh;
+        for &c in cells {
+            let cell = &self.topology.cells()[c as usize];
+            let corners = mesh.tets()[cell.tet as usize];
+            let u = self.system.cell_displacements(mesh, cell, &state.x);
+            for (k, (n, u)) in corners.iter().zip(u).enumerate() {
+                let x = mesh.nodes()[*n as usize] + u;
+                state.deformation[c as usize].set_column(k, &x.cast());
+            }
+        }
+    }
+
     /// Scales the way from the displacements of `before` (on `old`) to those of `state` so that no node moves farther than a
     /// fraction of a millimetre.
     pub(super) fn limit_change(&self, old: &Self, before: &BoneState, state: &mut BoneState) {

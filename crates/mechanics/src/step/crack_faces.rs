@@ -4,7 +4,7 @@
 //! penalty that is stiff against the bone; because the bone's compliance at these points is known from half solves with the
 //! kept factor, the penalty is solved implicitly (projected Gauss-Seidel) and never limits the relaxation.
 use super::bone::Bone;
-use crate::bone::{HalfSolved, SolveScratch, Swept};
+use crate::bone::{HalfSolved, Region, SolveScratch, Swept};
 use crate::crack::stress_intensity::CellForce;
 use crate::crack::{Cell, CrackedBody, CutEdges, cut_area};
 use crate::geometry::{Aabb, TetMesh, Vec3};
@@ -73,6 +73,11 @@ impl CrackFaces {
     /// Area of the crack inside the body: the cut polygons of all divided tetrahedra \[mm2\].
     pub fn area(&self) -> f64 {
         self.divided.iter().map(|d| d.area).sum()
+    }
+
+    /// The cells on both sides of each pair.
+    pub fn cells(&self) -> impl Iterator<Item = u32> {
+        self.pairs.iter().flat_map(|p| p.cells)
     }
 
     /// How many pairs there are.
@@ -224,25 +229,26 @@ const MOST_ACTIVE: usize = 256;
 const STIFFNESS: f64 = 1e4;
 
 impl FaceContact {
-    /// Solves for the displacements `x` under the loads that are half solved in `swept` and the faces' pressures. Returns these
-    /// forces, and whether no further faces overlap in `x`; those that do are pressed apart from the next call on.
+    /// Solves for the displacements `x` in a region that has all cells of the faces, under the loads that are half solved in `swept`
+    /// and the faces' pressures, which are added to it. Returns these forces, and whether no further faces overlap in `x`; those that
+    /// do are pressed apart from the next call on.
     pub fn press(
         &mut self,
         bone: &Bone,
-        swept: &Swept,
+        region: &Region,
+        swept: &mut Swept,
         x: &mut [f64],
         scratch: &mut SolveScratch,
     ) -> (Vec<CellForce>, bool) {
         self.follow(bone);
         self.relax(bone, swept);
-        let mut pressed = swept.clone();
         let mut forces = &self.force[..];
         for half in &self.half {
             let (own, rest) = forces.split_at(half.n_columns());
-            bone.system.add_half(half, own, &mut pressed);
+            bone.system.add_half(half, own, swept);
             forces = rest;
         }
-        bone.system.sweep_down(&mut pressed, x, scratch);
+        (bone.system).sweep_down_region(region, swept, x, scratch);
         let pressing = self.active.iter().zip(&self.force).filter(|p| *p.1 > 0.0);
         let pressures = pressing
             .flat_map(|(&i, &f)| bone.faces.pairs[i].forces(f))

@@ -2,6 +2,7 @@
 use super::bone::{Bone, BoneState};
 use super::crack_faces::FaceContact;
 use super::relaxation::Acceleration;
+use super::sweep_region::SweepRegion;
 use super::yielding::{Patch, Yielding};
 use crate::bone::{SolveScratch, Swept};
 use crate::contact::{Anchors, BoundingVolumes, ContactScene, PointForce, Wrench};
@@ -85,6 +86,7 @@ pub struct MainState {
     faces: FaceContact,
     solve: SolveScratch,
     acceleration: Acceleration,
+    region: SweepRegion,
     yielding: Option<Yielding>,
     trial: Vec<f64>,
     /// Counts the states of the scene that contact has seen; from 1.
@@ -106,6 +108,7 @@ impl MainState {
             faces: FaceContact::default(),
             solve: bone.system.scratch(),
             acceleration: Acceleration::default(),
+            region: SweepRegion::default(),
             yielding: None,
             trial: Vec::new(),
             scene_state: 1,
@@ -154,10 +157,8 @@ pub fn main_step(
     let mut tools = input.tools;
     // What sweeps taught while the contacts were others misleads the next ones.
     state.acceleration.forget();
-    let mut pull = vec![0.0; bone.system.n()];
-    let (mesh, topology) = (&bone.body.mesh, &bone.topology);
-    (bone.system).add_drag(mesh, topology, &state.bone.x, &mut pull);
-    (bone.system).sweep_up(&pull, &mut state.drag, &mut state.solve);
+    (state.region).follow(bone, &state.volumes, model, &tools);
+    let mut guess = state.start(bone);
     let mut iterations = 0;
     loop {
         iterations += 1;
@@ -167,23 +168,24 @@ pub fn main_step(
         let (trial, loads, are_apart) =
             solve_bone(bone, model, state, input, &tools, iterations == 1);
         // 7: convergence.
-        let (residual, scale) = change(&state.bone.x, &trial);
+        let (residual, scale) = guess.change(&trial);
         let tolerance = settings
             .absolute_tolerance
             .max(settings.relative_tolerance * scale);
         let converged = residual <= tolerance && are_apart;
         let last = converged || iterations >= settings.max_iterations;
-        if converged {
-            state.bone.x.copy_from_slice(&trial);
-        } else {
-            state.acceleration.next(&mut state.bone.x, &trial);
+        if !converged {
+            guess.improve(&mut state.acceleration, &trial);
         }
-        state.trial = trial;
         // 3: collision detection follows the bone.
-        bone.deform(&mut state.bone);
-        state.volumes.update(&bone.shell, &state.bone.deformation);
-        state.scene_state += 1;
-        if last {
+        if !last {
+            state.show(bone, &guess);
+        } else {
+            if converged {
+                state.arrive(bone);
+            } else {
+                state.halt(bone, &guess);
+            }
             let n_closed = loads.len() - loads.partition_point(|l| l.1 == Source::Tool);
             state.bone.loads = loads.into_iter().map(|l| l.0).collect();
             state.bone.strain_energy = strain_energy(bone, &state.bone.x);
@@ -197,13 +199,105 @@ pub fn main_step(
                 converged,
                 n_contacts: result.n_contacts.iter().sum(),
                 n_closed: n_closed / 2,
-                max_displacement: scale,
+                max_displacement: largest(state.bone.x.iter().copied()),
                 strain_energy: state.bone.strain_energy,
                 tools,
                 wrenches: result.coupling.map(|w| -w),
             };
         }
     }
+}
+
+/// The bone in the course of a step: its unknowns in the region of the sweeps, and what the others will be made of.
+struct Guess {
+    /// The region's unknowns, then the share of the step's start in all of them, then the half-solved loads of the rest.
+    values: Vec<f64>,
+    n_near: usize,
+}
+
+impl Guess {
+    fn near(&self) -> &[f64] {
+        &self.values[..self.n_near]
+    }
+
+    fn start_share(&self) -> f64 {
+        self.values[self.n_near]
+    }
+
+    fn half_solved(&self) -> &[f64] {
+        &self.values[self.n_near + 1..]
+    }
+
+    /// Largest change of an unknown on the way to `trial`, and its largest unknown \[mm\].
+    fn change(&self, trial: &Self) -> (f64, f64) {
+        let pairs = self.near().iter().zip(trial.near());
+        let change = largest(pairs.map(|(a, b)| a - b));
+        (change, largest(trial.near().iter().copied()))
+    }
+
+    fn improve(&mut self, acceleration: &mut Acceleration, trial: &Self) {
+        acceleration.next(&mut self.values, &trial.values, self.n_near);
+    }
+}
+
+impl MainState {
+    /// The bone as it stands, and the soft tissue's pull towards there.
+    fn start(&mut self, bone: &Bone) -> Guess {
+        let n = bone.system.n();
+        let mut pull = vec![0.0; n];
+        (bone.system).add_drag(&bone.body.mesh, &bone.topology, &self.bone.x, &mut pull);
+        (bone.system).sweep_up(&pull, &mut self.drag, &mut self.solve);
+        self.trial.resize(n, 0.0);
+        let x = std::mem::take(&mut self.bone.x);
+        let guess = self.guess(&x, 1.0, &vec![0.0; n]);
+        self.bone.x = x;
+        guess
+    }
+
+    fn guess(&self, x: &[f64], start_share: f64, half_solved: &[f64]) -> Guess {
+        let mut values = Vec::new();
+        self.region.gather(x, &mut values);
+        let n_near = values.len();
+        values.push(start_share);
+        values.extend_from_slice(half_solved);
+        Guess { values, n_near }
+    }
+
+    /// Shows the tools a guess of the bone, as far as they may touch it.
+    fn show(&mut self, bone: &Bone, guess: &Guess) {
+        self.region.scatter(guess.near(), &mut self.bone.x);
+        (self.region).deform(bone, &mut self.bone, &mut self.volumes);
+        self.scene_state += 1;
+    }
+
+    /// Moves all of the bone to where the last sweep has brought its region.
+    fn arrive(&mut self, bone: &Bone) {
+        let region = &self.region.region;
+        (bone.system).sweep_down_rest(region, &mut self.swept, &mut self.trial, &mut self.solve);
+        std::mem::swap(&mut self.bone.x, &mut self.trial);
+        self.deform(bone);
+    }
+
+    /// Moves all of the bone to a guess that is no result of a sweep.
+    fn halt(&mut self, bone: &Bone, guess: &Guess) {
+        self.swept.set(guess.half_solved());
+        (bone.system).sweep_down(&mut self.swept, &mut self.trial, &mut self.solve);
+        let start = guess.start_share();
+        let all = self.bone.x.iter_mut().zip(&self.trial);
+        all.for_each(|(x, moved)| *x = start * *x + moved);
+        self.region.scatter(guess.near(), &mut self.bone.x);
+        self.deform(bone);
+    }
+
+    fn deform(&mut self, bone: &Bone) {
+        bone.deform(&mut self.bone);
+        (self.volumes).update(&bone.shell, &self.bone.deformation);
+        self.scene_state += 1;
+    }
+}
+
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(0.0, |m, v| m.max(v.abs()))
 }
 
 fn rest_tools(
@@ -244,7 +338,7 @@ fn solve_bone(
     input: &MainInput,
     tools: &ToolsState,
     is_first: bool,
-) -> (Vec<f64>, Vec<(CellForce, Source)>, bool) {
+) -> (Guess, Vec<(CellForce, Source)>, bool) {
     let forces = state.tools.point_forces(
         model,
         &ContactScene {
@@ -273,11 +367,17 @@ fn solve_bone(
     if let Some(yielding) = &state.yielding {
         yielding.correct(bone, &state.bone.x, swept);
     }
-    let mut x = std::mem::take(&mut state.trial);
-    x.resize(bone.system.n(), 0.0);
-    let (pressures, are_apart) = (state.faces).press(bone, swept, &mut x, &mut state.solve);
+    let MainState {
+        region,
+        trial,
+        solve,
+        faces,
+        ..
+    } = state;
+    let (pressures, are_apart) = faces.press(bone, &region.region, swept, trial, solve);
     loads.extend(pressures.into_iter().map(|p| (p, Source::Face)));
-    (x, loads, are_apart)
+    let trial = state.guess(&state.trial, 0.0, state.swept.values());
+    (trial, loads, are_apart)
 }
 
 /// The contacts of each tool (the first tool's come first) with its coupling's stiffness.
@@ -306,12 +406,4 @@ fn strain_energy(bone: &Bone, x: &[f64]) -> f64 {
     (bone.system).add_drag(&bone.body.mesh, &bone.topology, x, &mut pull);
     let drag: f64 = pull.iter().zip(x).map(|(f, x)| 0.5 * f * x).sum();
     bone.system.energy(x) - drag
-}
-
-/// Largest change of an unknown, and the largest unknown \[mm\].
-fn change(x: &[f64], trial: &[f64]) -> (f64, f64) {
-    let largest =
-        |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, |m: f64, v| m.max(v.abs()));
-    let change = largest(&mut x.iter().zip(trial).map(|(a, b)| a - b));
-    (change, largest(&mut trial.iter().copied()))
 }
