@@ -660,15 +660,12 @@ mod tests {
         factor.sweep_down_region(&region, &swept, &mut near, &mut scratch);
         let mut x = vec![0.0; 210];
         factor.sweep_down(&mut swept, &mut x, &mut scratch);
-        assert!(
-            region
-                .unknowns()
-                .iter()
-                .all(|i| near[*i as usize] == x[*i as usize])
-        );
+        let apart = |i: usize, near: &[f64]| (near[i] - x[i]).abs();
+        let unknowns = region.unknowns().iter();
+        assert!(unknowns.clone().all(|i| apart(*i as usize, &near) < 1e-15));
         factor.sweep_up(b.as_slice(), &mut swept, &mut scratch);
         factor.sweep_down_rest(&region, &mut swept, &mut near, &mut scratch);
-        assert_eq!(near, x);
+        assert!((0..210).all(|i| apart(i, &near) < 1e-15));
     }
 
     #[test]

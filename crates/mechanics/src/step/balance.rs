@@ -39,7 +39,7 @@ impl<'a> Balance<'a> {
     /// Tries a growth; none if it cuts nothing.
     ///
     /// Released is what a held load gives up, U (1 - C / C') for compliances C and C' before and after: the least that any way of
-    /// loading can release.
+    /// loading can release. Loads on what crumbles off give up all that they had stored.
     pub fn weigh(&self, growth: Growth) -> Result<Option<Trial>, BodyError> {
         let newly_cut = growth.newly_cut.clone();
         if newly_cut.is_empty() {
@@ -47,12 +47,22 @@ impl<'a> Balance<'a> {
         }
         let body = self.body.grown(growth)?;
         let (area, cost) = body.cost(self.body, &newly_cut);
-        let work = body.work(&body.carry_loads(self.body, self.loads));
-        let released = if work > self.work {
-            0.5 * self.work * (1.0 - self.work / work)
+        let carried = body.carry_loads(self.body, self.loads);
+        let stays = |l: &&CellForce| !body.is_debris(l.cell);
+        let staying: Vec<CellForce> = carried.iter().filter(stays).copied().collect();
+        let before = if staying.len() == carried.len() {
+            self.work
         } else {
-            0.0
+            let kept = self.loads.iter().zip(&carried).filter(|(_, c)| stays(c));
+            self.body.work(&kept.map(|(l, _)| *l).collect::<Vec<_>>())
         };
+        let after = body.work(&staying);
+        let held = if after > before {
+            before * before / after
+        } else {
+            before
+        };
+        let released = 0.5 * (self.work - held);
         let ratio = released / cost.max(LEAST_COST);
         Ok(Some(Trial { body, ratio, area }))
     }

@@ -138,23 +138,29 @@ impl Bone {
     }
 
     fn cell_of(&self, id: u32) -> u32 {
-        side_cell(&self.body, &self.topology, self.points.get(id))
+        let cell = side_cell(&self.body, &self.topology, self.points.get(id));
+        if self.is_debris(cell) {
+            PointShell::DROPPED
+        } else {
+            cell
+        }
     }
 
-    /// The shell of an earlier generation, sorted anew in tetrahedra that were divided or hold a point from `fresh`.
+    /// The shell of an earlier generation, sorted anew in tetrahedra that were divided, have crumbled or hold a point from `fresh`.
     fn regrouped(&self, old: &Self, fresh: Range<u32>) -> PointShell {
         let fresh = tets_with(&self.points, fresh);
         let divided = |t: &u32| old.topology.cells_of(*t).len() != self.topology.cells_of(*t).len();
-        let changed =
-            (0..self.body.mesh.tets().len() as u32).filter(|t| fresh.contains_key(t) || divided(t));
+        let changed = (0..self.body.mesh.tets().len() as u32)
+            .filter(|t| fresh.contains_key(t) || divided(t) || self.has_crumbled(old, *t));
         let renewed = changed.map(|t| {
             let cells = old.topology.cells_of(t);
             let points = old.shell.ids_in(cells.clone()).iter();
             let points = points.chain(fresh.get(&t).into_iter().flatten());
+            let members = points.map(|&id| (self.cell_of(id), id));
             RenewedCells {
                 old: cells,
                 new: self.topology.cells_of(t),
-                members: points.map(|&id| (self.cell_of(id), id)).collect(),
+                members: members.filter(|m| m.0 != PointShell::DROPPED).collect(),
             }
         });
         old.shell.regrouped(&self.points, renewed.collect())

@@ -38,7 +38,7 @@ pub struct CrackFaces {
 }
 
 impl CrackFaces {
-    /// Places a pair in each tetrahedron that the crack divides in two.
+    /// Places a pair in each tetrahedron that the crack divides in two, unless one of them has crumbled off.
     pub fn new(body: &CrackedBody) -> Self {
         Self::of(divided_tets(body).map(|t| Divided::new(body, t)))
     }
@@ -53,7 +53,9 @@ impl CrackFaces {
             let cells = body.topology.cells_of(t);
             match old {
                 Some(old)
-                    if before.topology.cells_of(t).len() == cells.len() && !beside[t as usize] =>
+                    if before.topology.cells_of(t).len() == cells.len()
+                        && !beside[t as usize]
+                        && !body.has_crumbled(before, t) =>
                 {
                     old.renumbered(cells.start as u32)
                 }
@@ -117,7 +119,7 @@ fn tets_beside_growth(before: &CrackedBody, body: &CrackedBody) -> Vec<bool> {
 impl Divided {
     fn new(body: &CrackedBody, tet: u32) -> Self {
         let cells = body.topology.cells_of(tet);
-        let both = cells.len() == 2;
+        let both = cells.len() == 2 && !cells.clone().any(|c| body.is_debris(c as u32));
         Self {
             tet,
             area: divided_area(&body.solid.mesh, &body.cuts, &body.topology.cells()[cells]),

@@ -124,6 +124,7 @@ impl MainState {
         self.solve = new.system.scratch();
         let mut next = new.at_rest();
         next.loads = new.carry_loads(old, &self.bone.loads);
+        next.loads.retain(|l| !new.is_debris(l.cell));
         (new.system).add_drag(&new.body.mesh, &new.topology, &self.bone.x, &mut next.x);
         new.add_loads(&next.loads, &mut next.x);
         new.system.solve(&mut next.x, &mut self.solve);

@@ -92,27 +92,28 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// A map that plain iteration would leave: spectral radius 1.8. The last unknown stands for a value that depends linearly on
-    /// the others, 2 x_0 + x_2 at each guess and result.
+    /// A map that plain iteration would leave: spectral radius 1.8. The last value goes along: 2 x_0 + x_2 of each guess and result.
     #[test]
     fn converges_where_plain_sweeps_diverge() {
         let map = |x: &[f64]| {
-            vec![
+            let (a, b, c) = (
                 1.0 - 1.8 * x[0] + 0.1 * x[1],
                 0.5 - 0.9 * x[1],
                 0.2 * x[2] + 0.1,
-            ]
+            );
+            vec![a, b, c, 2.0 * a + c]
         };
-        let mut x = vec![0.0; 3];
+        let mut x = vec![0.0; 4];
         let mut acceleration = Acceleration::default();
         for _ in 0..8 {
             let g = map(&x);
-            acceleration.next(&mut x, &g, 4);
+            acceleration.next(&mut x, &g, 3);
         }
         let g = map(&x);
         let residual = difference(&g, &x)
             .iter()
             .fold(0.0, |m: f64, v| m.max(v.abs()));
         assert!(residual < 1e-6, "residual {residual}");
+        assert!((x[3] - 2.0 * x[0] - x[2]).abs() < 1e-12);
     }
 }
