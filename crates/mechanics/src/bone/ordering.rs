@@ -90,7 +90,13 @@ impl Graph {
         let (mut order, mut inverse) = (vec![0; n], vec![0; n]);
         let mut memory = MemBuffer::new(need);
         let stack = MemStack::new(&mut memory);
-        match amd::order(&mut order, &mut inverse, upper, amd::Control::default(), stack) {
+        match amd::order(
+            &mut order,
+            &mut inverse,
+            upper,
+            amd::Control::default(),
+            stack,
+        ) {
             Ok(_) => order.into_iter().map(|k| blocks[k]).collect(),
             // Any order is valid.
             Err(_) => blocks.to_vec(),
@@ -198,7 +204,11 @@ impl Dissection<'_> {
         for k in 0..TRIES {
             let at = n / 3 + n * k / (3 * (TRIES - 1));
             let between = self.least_cover(blocks, at, part);
-            let low = at - between.iter().filter(|b| self.rank[**b as usize] < at).count();
+            let low = at
+                - between
+                    .iter()
+                    .filter(|b| self.rank[**b as usize] < at)
+                    .count();
             let high = n - low - between.len();
             let cost = between.len() as f64 / (low * high).max(1) as f64;
             if best.as_ref().is_none_or(|b| cost < b.0) {
