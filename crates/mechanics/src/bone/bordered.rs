@@ -1,4 +1,7 @@
-use super::dense::{add_columns, dot, subtract_dots, subtract_product, view, view_mut};
+use super::dense::{
+    Double, Precision, Single, Stored, add_columns, dot, subtract_dots, subtract_product, view,
+    view_mut,
+};
 use super::factor::{Factor, FactorError, Path};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{
@@ -25,7 +28,7 @@ pub struct Bordered {
 struct Batch {
     path: Path,
     /// W, packed along the path.
-    w: Vec<f64>,
+    w: Stored,
     /// Border columns before this batch, and in it.
     before: usize,
     m: usize,
@@ -163,7 +166,7 @@ impl Bordered {
         }
         for b in &self.batches {
             let columns = &mut s[m * b.before..m * (b.before + b.m)];
-            subtract_common(columns, m, (&path, &w, m), (&b.path, &b.w, b.m));
+            subtract_common(columns, m, (&path, &w, m), (&b.path, b.w.double(), b.m));
         }
         subtract_common(&mut s[m * before..], m, (&path, &w, m), (&path, &w, m));
         self.forward_border(&mut s, m);
@@ -181,7 +184,7 @@ impl Bordered {
         .map_err(|_| FactorError::NotPositiveDefinite)?;
         self.batches.push(Arc::new(Batch {
             path,
-            w,
+            w: Stored::new(w),
             before,
             m,
             rows: s,
@@ -266,22 +269,22 @@ impl Bordered {
         let path = &region.path;
         let packed = &mut packed[..path.n_rows()];
         self.base.place_all(path, u, y);
-        self.base.forward(path, y, below);
+        self.base.forward::<Double>(path, y, below);
         // Off the path the right-hand side is zero and the result is not wanted: W's rows there are passed over.
         self.base.gather(path, y, packed);
         for b in &self.batches {
             let own = &mut a[b.before..b.before + b.m];
             for (i, j, n) in path.common(&b.path) {
-                subtract_dots(own, &b.w[j..], b.path.n_rows(), &packed[i..i + n]);
+                subtract_dots(own, &b.w.double()[j..], b.path.n_rows(), &packed[i..i + n]);
             }
         }
         self.border_up(a);
-        self.down_region(path, y, a, below, packed);
+        self.down_region::<Double>(path, y, a, below, packed);
         self.base.take_all(path, y, u);
     }
 
     /// (y, a) <- L^-T (y, a) as far as `path` goes, y in places of L.
-    fn down_region(
+    fn down_region<P: Precision>(
         &self,
         path: &Path,
         y: &mut [f64],
@@ -294,11 +297,16 @@ impl Bordered {
         for b in &self.batches {
             let own = &a[b.before..b.before + b.m];
             for (i, j, n) in path.common(&b.path) {
-                add_columns(&mut packed[i..i + n], &b.w[j..], b.path.n_rows(), own);
+                add_columns(
+                    &mut packed[i..i + n],
+                    &P::of(&b.w)[j..],
+                    b.path.n_rows(),
+                    own,
+                );
             }
         }
         self.base.scatter_subtract(path, packed, y);
-        self.base.backward(path, y, below);
+        self.base.backward::<P>(path, y, below);
     }
 
     fn solve_one(&self, x: &mut [f64], scratch: &mut SolveScratch) {
@@ -310,24 +318,36 @@ impl Bordered {
             whole: path,
         } = scratch;
         self.base.place_all(path, u, y);
-        self.up(path, y, a, below, packed);
-        self.down(path, y, a, below, packed);
+        self.up::<Double>(path, y, a, below, packed);
+        self.down::<Double>(path, y, a, below, packed);
         self.base.take_all(path, y, u);
     }
 
     /// (y, a) <- L^-1 (y, a) of the whole factor, y in places of L.
-    fn up(&self, path: &Path, y: &mut [f64], a: &mut [f64], below: &mut [f64], packed: &mut [f64]) {
-        self.base.forward(path, y, below);
+    fn up<P: Precision>(
+        &self,
+        path: &Path,
+        y: &mut [f64],
+        a: &mut [f64],
+        below: &mut [f64],
+        packed: &mut [f64],
+    ) {
+        self.base.forward::<P>(path, y, below);
         for b in &self.batches {
             let packed = &mut packed[..b.path.n_rows()];
             self.base.gather(&b.path, y, packed);
-            subtract_dots(&mut a[b.before..b.before + b.m], &b.w, packed.len(), packed);
+            subtract_dots(
+                &mut a[b.before..b.before + b.m],
+                P::of(&b.w),
+                packed.len(),
+                packed,
+            );
         }
         self.border_up(a);
     }
 
     /// (y, a) <- L^-T (y, a) of the whole factor, y in places of L.
-    fn down(
+    fn down<P: Precision>(
         &self,
         path: &Path,
         y: &mut [f64],
@@ -339,10 +359,15 @@ impl Bordered {
         for b in &self.batches {
             let packed = &mut packed[..b.path.n_rows()];
             packed.fill(0.0);
-            add_columns(packed, &b.w, packed.len(), &a[b.before..b.before + b.m]);
+            add_columns(
+                packed,
+                P::of(&b.w),
+                packed.len(),
+                &a[b.before..b.before + b.m],
+            );
             self.base.scatter_subtract(&b.path, packed, y);
         }
-        self.base.backward(path, y, below);
+        self.base.backward::<P>(path, y, below);
     }
 
     /// The forward half of a solve: `swept` becomes L^-1 b.
@@ -356,7 +381,7 @@ impl Bordered {
             ..
         } = scratch;
         self.base.place_all(whole, &b[..y.len()], y);
-        self.up(whole, y, a, below, packed);
+        self.up::<Single>(whole, y, a, below, packed);
     }
 
     /// The backward half of a solve: x = L^-T `swept`, which is used up.
@@ -369,7 +394,7 @@ impl Bordered {
             whole,
             ..
         } = scratch;
-        self.down(whole, y, border, below, packed);
+        self.down::<Single>(whole, y, border, below, packed);
         self.base.take_all(whole, y, u);
         a.copy_from_slice(border);
     }
@@ -391,7 +416,7 @@ impl Bordered {
         a.copy_from_slice(border);
         self.base.copy(path, kept, y);
         let packed = &mut packed[..path.n_rows()];
-        self.down_region(path, y, a, below, packed);
+        self.down_region::<Single>(path, y, a, below, packed);
         self.base.take_all(path, y, u);
     }
 
@@ -415,11 +440,16 @@ impl Bordered {
         for b in &self.batches {
             let packed = &mut packed[..b.path.n_rows()];
             packed.fill(0.0);
-            add_columns(packed, &b.w, packed.len(), &a[b.before..b.before + b.m]);
+            add_columns(
+                packed,
+                Single::of(&b.w),
+                packed.len(),
+                &a[b.before..b.before + b.m],
+            );
             self.base.scatter_subtract(&b.path, packed, y);
         }
         self.base.place_all(&region.path, u, y);
-        self.base.backward(&region.rest, y, below);
+        self.base.backward::<Single>(&region.rest, y, below);
         self.base.take_all(whole, y, u);
     }
 
@@ -498,7 +528,7 @@ impl Bordered {
         }
         for b in &self.batches {
             let own = &mut border[m * b.before..m * (b.before + b.m)];
-            subtract_common(own, m, (&path, &base, m), (&b.path, &b.w, b.m));
+            subtract_common(own, m, (&path, &base, m), (&b.path, b.w.double(), b.m));
         }
         self.forward_border(&mut border, m);
         HalfSolved {

@@ -1,5 +1,5 @@
 use super::block_matrix::BlockMatrix;
-use super::dense::{add_columns, dot, subtract_dots, view, view_mut};
+use super::dense::{Double, Precision, Stored, add_columns, dot, subtract_dots, view, view_mut};
 use super::ordering::nested_dissection;
 use crate::geometry::Vec3;
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -57,7 +57,7 @@ pub struct Factor {
     pattern_first: Vec<usize>,
     pattern: Vec<u32>,
     value_first: Vec<usize>,
-    values: Vec<f64>,
+    values: Stored,
 }
 
 /// Supernodes that a set of right-hand sides reaches, from leaves to roots, with all above them.
@@ -192,7 +192,7 @@ impl Factor {
             pattern_first,
             pattern,
             value_first: symbolic.col_ptr_for_val().to_vec(),
-            values,
+            values: Stored::new(values),
         }
     }
 
@@ -213,7 +213,7 @@ impl Factor {
 
     /// Number of values that a sweep on `path` passes through.
     pub fn n_values_on(&self, path: &Path) -> usize {
-        let own = |s: &u32| self.values(*s as usize).len();
+        let own = |s: &u32| self.value_range(*s as usize).len();
         path.supernodes.iter().map(own).sum()
     }
 
@@ -318,8 +318,12 @@ impl Factor {
         &self.pattern[self.pattern_first[s]..self.pattern_first[s + 1]]
     }
 
-    fn values(&self, s: usize) -> &[f64] {
-        &self.values[self.value_first[s]..self.value_first[s + 1]]
+    fn value_range(&self, s: usize) -> std::ops::Range<usize> {
+        self.value_first[s]..self.value_first[s + 1]
+    }
+
+    fn values<P: Precision>(&self, s: usize) -> &[P::Value] {
+        &P::of(&self.values)[self.value_range(s)]
     }
 
     /// Length of the longest pattern: what the sweeps need for `below`.
@@ -331,11 +335,11 @@ impl Factor {
     }
 
     /// y <- L^-1 y for a y that is zero off `path`, in places of L. Supernodes where y is zero cost nothing.
-    pub(super) fn forward(&self, path: &Path, y: &mut [f64], below: &mut [f64]) {
+    pub(super) fn forward<P: Precision>(&self, path: &Path, y: &mut [f64], below: &mut [f64]) {
         for &s in &path.supernodes {
             let (columns, pattern) = (self.columns(s as usize), self.pattern(s as usize));
             let stride = columns.len() + pattern.len();
-            let l = self.values(s as usize);
+            let l = self.values::<P>(s as usize);
             let top = &mut y[columns];
             if top.iter().all(|v| *v == 0.0) {
                 continue;
@@ -350,11 +354,11 @@ impl Factor {
     }
 
     /// y <- L^-T y on `path`, in places of L.
-    pub(super) fn backward(&self, path: &Path, y: &mut [f64], below: &mut [f64]) {
+    pub(super) fn backward<P: Precision>(&self, path: &Path, y: &mut [f64], below: &mut [f64]) {
         for &s in path.supernodes.iter().rev() {
             let (columns, pattern) = (self.columns(s as usize), self.pattern(s as usize));
             let (n, stride) = (columns.len(), columns.len() + pattern.len());
-            let l = self.values(s as usize);
+            let l = self.values::<P>(s as usize);
             let below = &mut below[..pattern.len()];
             for (b, row) in below.iter_mut().zip(pattern) {
                 *b = y[*row as usize];
@@ -366,7 +370,7 @@ impl Factor {
             for c in (0..n).rev() {
                 let column = &l[c * stride..c * stride + n];
                 let rest = dot(&column[c + 1..], &top[c + 1..]);
-                top[c] = (top[c] - rest) / column[c];
+                top[c] = (top[c] - rest) / column[c].into();
             }
         }
     }
@@ -382,7 +386,7 @@ impl Factor {
         let mut below = vec![0.0; self.longest_pattern() * m];
         for (&s, &offset) in path.supernodes.iter().zip(&path.offset) {
             let (n, pattern) = (self.columns(s as usize).len(), self.pattern(s as usize));
-            let (l, stride) = (self.values(s as usize), n + pattern.len());
+            let (l, stride) = (self.values::<Double>(s as usize), n + pattern.len());
             if n * stride < SMALL {
                 let below = &mut below[..pattern.len() * m];
                 below.fill(0.0);
@@ -415,14 +419,14 @@ impl Factor {
 }
 
 /// One supernode's part of a forward sweep: its own rows become x, and what they take from those below is added to `below`.
-fn eliminate(l: &[f64], stride: usize, top: &mut [f64], below: &mut [f64]) {
+fn eliminate<T: Copy + Into<f64>>(l: &[T], stride: usize, top: &mut [f64], below: &mut [f64]) {
     let n = top.len();
     for c in 0..n {
         let column = &l[c * stride..c * stride + n];
-        top[c] /= column[c];
+        top[c] /= column[c].into();
         let x = top[c];
         let rest = top[c + 1..].iter_mut().zip(&column[c + 1..]);
-        rest.for_each(|(t, l)| *t -= l * x);
+        rest.for_each(|(t, l)| *t -= (*l).into() * x);
     }
     if !below.is_empty() {
         add_columns(below, &l[n..], stride, top);

@@ -365,6 +365,15 @@ impl System {
         }
     }
 
+    /// What the body pulls with at its loads where it stands at `x`: -K x without [`Supports::drag`], nothing on held coordinates.
+    pub fn pull(&self, mesh: &TetMesh, topology: &Topology, x: &[f64]) -> Vec<f64> {
+        let mut pull = self.multiply(x);
+        pull.iter_mut().for_each(|f| *f = -*f);
+        self.add_drag(mesh, topology, x, &mut pull);
+        self.held.iter().for_each(|i| pull[*i as usize] = 0.0);
+        pull
+    }
+
     /// The part of a cell's drag that its enrichments take part in.
     fn add_jump_drag(&self, mesh: &TetMesh, cell: &Cell, x: &[f64], rhs: &mut [f64]) {
         let t = cell.tet as usize;

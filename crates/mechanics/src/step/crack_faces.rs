@@ -223,6 +223,8 @@ pub struct FaceContact {
     half: Vec<HalfSolved>,
     /// b_i . K^-1 b_j of the active pairs.
     compliance: Vec<Vec<f64>>,
+    /// Opening of each pair at the start of the step \[mm\].
+    opening: Vec<f64>,
 }
 
 /// Most pairs that can press at once; beyond it the deepest come first.
@@ -231,18 +233,23 @@ const MOST_ACTIVE: usize = 256;
 const STIFFNESS: f64 = 1e4;
 
 impl FaceContact {
-    /// Solves for the displacements `x` in a region that has all cells of the faces, under the loads that are half solved in `swept`
-    /// and the faces' pressures, which are added to it. Returns these forces, and whether no further faces overlap in `x`; those that
-    /// do are pressed apart from the next call on.
+    /// Begins a step from the displacements `before`.
+    pub fn start(&mut self, bone: &Bone, before: &[f64]) {
+        self.follow(bone);
+        self.opening = bone.faces.openings(bone, before);
+    }
+
+    /// Solves for the way `moved` from the start of the step in a region that has all cells of the faces, under the loads that are half
+    /// solved in `swept` and the faces' pressures, which are added to it. Returns these forces, and whether no further faces overlap
+    /// then; those that do are pressed apart from the next call on.
     pub fn press(
         &mut self,
         bone: &Bone,
         region: &Region,
         swept: &mut Swept,
-        x: &mut [f64],
+        moved: &mut [f64],
         scratch: &mut SolveScratch,
     ) -> (Vec<CellForce>, bool) {
-        self.follow(bone);
         self.relax(bone, swept);
         let mut forces = &self.force[..];
         for half in &self.half {
@@ -250,12 +257,12 @@ impl FaceContact {
             bone.system.add_half(half, own, swept);
             forces = rest;
         }
-        (bone.system).sweep_down_region(region, swept, x, scratch);
+        (bone.system).sweep_down_region(region, swept, moved, scratch);
         let pressing = self.active.iter().zip(&self.force).filter(|p| *p.1 > 0.0);
         let pressures = pressing
             .flat_map(|(&i, &f)| bone.faces.pairs[i].forces(f))
             .collect();
-        let overlapping = self.overlapping(bone, x);
+        let overlapping = self.overlapping(bone, moved);
         self.take_in(bone, &overlapping);
         (pressures, overlapping.is_empty())
     }
@@ -277,9 +284,10 @@ impl FaceContact {
         self.force = force;
     }
 
-    /// The pairs that overlap in `x` and are not active, the deepest first, as many as may become so.
-    fn overlapping(&self, bone: &Bone, x: &[f64]) -> Vec<usize> {
-        let opening = bone.faces.openings(bone, x);
+    /// The pairs that overlap after the way `moved` and are not active, the deepest first, as many as may become so.
+    fn overlapping(&self, bone: &Bone, moved: &[f64]) -> Vec<usize> {
+        let pairs = bone.faces.pairs.iter().zip(&self.opening);
+        let opening: Vec<f64> = pairs.map(|(p, o)| o + p.jump(bone, moved)).collect();
         let mut new: Vec<usize> = (0..opening.len())
             .filter(|i| opening[*i] < 0.0 && !self.active.contains(i))
             .collect();
@@ -325,7 +333,7 @@ impl FaceContact {
         let faces = &bone.faces;
         let moved = self.half.iter().flat_map(|h| bone.system.project(h, swept));
         let free: Vec<f64> = (self.active.iter().zip(moved))
-            .map(|(&i, u)| faces.pairs[i].gap + u)
+            .map(|(&i, u)| self.opening[i] + u)
             .collect();
         for _ in 0..SWEEPS {
             let mut change = 0.0_f64;

@@ -91,8 +91,12 @@ pub struct MainState {
     trial: Vec<f64>,
     /// Counts the states of the scene that contact has seen; from 1.
     scene_state: u64,
-    /// The soft tissue's pull towards where the bone was at the start of the step, half solved.
-    drag: Swept,
+    /// What the bone as it stands pulls with at its loads: -K x, soft tissue's drag left out.
+    pull: Vec<f64>,
+    /// The unknowns at the start of the step; all else is solved for as the way from there, so that sweeps may be in single precision.
+    before: Vec<f64>,
+    /// The pull at the start of the step, half solved.
+    pulled: Swept,
     swept: Swept,
 }
 
@@ -112,7 +116,9 @@ impl MainState {
             yielding: None,
             trial: Vec::new(),
             scene_state: 1,
-            drag: Swept::default(),
+            pull: bone.system.pull(&bone.body.mesh, &bone.topology, &state.x),
+            before: Vec::new(),
+            pulled: Swept::default(),
             swept: Swept::default(),
             bone: state,
         }
@@ -133,6 +139,7 @@ impl MainState {
         next.strain_energy = self.bone.strain_energy;
         self.volumes.update(&new.shell, &next.deformation);
         self.scene_state += 1;
+        self.pull = (new.system).pull(&new.body.mesh, &new.topology, &next.x);
         self.bone = next;
     }
 
@@ -189,7 +196,7 @@ pub fn main_step(
             }
             let n_closed = loads.len() - loads.partition_point(|l| l.1 == Source::Tool);
             state.bone.loads = loads.into_iter().map(|l| l.0).collect();
-            state.bone.strain_energy = strain_energy(bone, &state.bone.x);
+            state.bone.strain_energy = state.strain_energy();
             state.bone.converged = converged;
             let yielding = state.yielding.as_ref();
             state.compliance = yielding.map(|y| y.bone_compliance(&tools, &result.coupling));
@@ -211,7 +218,7 @@ pub fn main_step(
 
 /// The bone in the course of a step: its unknowns in the region of the sweeps, and what the others will be made of.
 struct Guess {
-    /// The region's unknowns, then the share of the step's start in all of them, then the half-solved loads of the rest.
+    /// The region's unknowns, then what is half solved of all on the way there.
     values: Vec<f64>,
     n_near: usize,
 }
@@ -221,12 +228,8 @@ impl Guess {
         &self.values[..self.n_near]
     }
 
-    fn start_share(&self) -> f64 {
-        self.values[self.n_near]
-    }
-
     fn half_solved(&self) -> &[f64] {
-        &self.values[self.n_near + 1..]
+        &self.values[self.n_near..]
     }
 
     /// Largest change of an unknown on the way to `trial`, and its largest unknown \[mm\].
@@ -242,32 +245,29 @@ impl Guess {
 }
 
 impl MainState {
-    /// The bone as it stands, and the soft tissue's pull towards there.
+    /// The bone as it stands.
     fn start(&mut self, bone: &Bone) -> Guess {
-        let n = bone.system.n();
-        let mut pull = vec![0.0; n];
-        (bone.system).add_drag(&bone.body.mesh, &bone.topology, &self.bone.x, &mut pull);
-        (bone.system).sweep_up(&pull, &mut self.drag, &mut self.solve);
-        self.trial.resize(n, 0.0);
-        let x = std::mem::take(&mut self.bone.x);
-        let guess = self.guess(&x, 1.0, &vec![0.0; n]);
-        self.bone.x = x;
-        guess
+        self.before.clone_from(&self.bone.x);
+        (bone.system).sweep_up(&self.pull, &mut self.pulled, &mut self.solve);
+        self.faces.start(bone, &self.before);
+        self.trial.clear();
+        self.trial.resize(self.before.len(), 0.0);
+        self.guess(&vec![0.0; self.before.len()])
     }
 
-    fn guess(&self, x: &[f64], start_share: f64, half_solved: &[f64]) -> Guess {
-        let mut values = Vec::new();
-        self.region.gather(x, &mut values);
+    /// The guess that `trial` and its half-solved loads make from the start of the step.
+    fn guess(&self, half_solved: &[f64]) -> Guess {
+        let unknowns = self.region.region.unknowns().iter();
+        let near = unknowns.map(|i| self.before[*i as usize] + self.trial[*i as usize]);
+        let mut values: Vec<f64> = near.collect();
         let n_near = values.len();
-        values.push(start_share);
         values.extend_from_slice(half_solved);
         Guess { values, n_near }
     }
 
     /// Shows the tools a guess of the bone, as far as they may touch it.
     fn show(&mut self, bone: &Bone, guess: &Guess) {
-        self.region.scatter(guess.near(), &mut self.bone.x);
-        (self.region).deform(bone, &mut self.bone, &mut self.volumes);
+        (self.region).deform(bone, guess.near(), &mut self.bone, &mut self.volumes);
         self.scene_state += 1;
     }
 
@@ -275,25 +275,31 @@ impl MainState {
     fn arrive(&mut self, bone: &Bone) {
         let region = &self.region.region;
         (bone.system).sweep_down_rest(region, &mut self.swept, &mut self.trial, &mut self.solve);
-        std::mem::swap(&mut self.bone.x, &mut self.trial);
-        self.deform(bone);
+        self.settle(bone);
     }
 
     /// Moves all of the bone to a guess that is no result of a sweep.
     fn halt(&mut self, bone: &Bone, guess: &Guess) {
         self.swept.set(guess.half_solved());
         (bone.system).sweep_down(&mut self.swept, &mut self.trial, &mut self.solve);
-        let start = guess.start_share();
-        let all = self.bone.x.iter_mut().zip(&self.trial);
-        all.for_each(|(x, moved)| *x = start * *x + moved);
-        self.region.scatter(guess.near(), &mut self.bone.x);
-        self.deform(bone);
+        self.settle(bone);
     }
 
-    fn deform(&mut self, bone: &Bone) {
+    /// Moves the bone by `trial` from the start of the step.
+    fn settle(&mut self, bone: &Bone) {
+        let moved = self.before.iter().zip(&self.trial).map(|(b, t)| b + t);
+        self.bone.x.clear();
+        self.bone.x.extend(moved);
+        self.pull = (bone.system).pull(&bone.body.mesh, &bone.topology, &self.bone.x);
         bone.deform(&mut self.bone);
         (self.volumes).update(&bone.shell, &self.bone.deformation);
         self.scene_state += 1;
+    }
+
+    /// Elastic energy, without what the soft tissue's drag would hold \[N mm\].
+    fn strain_energy(&self) -> f64 {
+        let work = self.pull.iter().zip(&self.bone.x).map(|(f, x)| f * x);
+        -0.5 * work.sum::<f64>()
     }
 }
 
@@ -361,12 +367,12 @@ fn solve_bone(
         state.yielding = Yielding::new(bone, &patches);
     }
     let swept = &mut state.swept;
-    swept.clone_from(&state.drag);
+    swept.clone_from(&state.pulled);
     let pushed = bone.sparse_loads(loads.iter().map(|l| &l.0));
     let pushed = bone.system.half_solve(&[pushed]);
     bone.system.add_half(&pushed, &[1.0], swept);
     if let Some(yielding) = &state.yielding {
-        yielding.correct(bone, &state.bone.x, swept);
+        yielding.correct(bone, &state.before, &state.bone.x, swept);
     }
     let MainState {
         region,
@@ -377,7 +383,7 @@ fn solve_bone(
     } = state;
     let (pressures, are_apart) = faces.press(bone, &region.region, swept, trial, solve);
     loads.extend(pressures.into_iter().map(|p| (p, Source::Face)));
-    let trial = state.guess(&state.trial, 0.0, state.swept.values());
+    let trial = state.guess(state.swept.values());
     (trial, loads, are_apart)
 }
 
@@ -399,12 +405,4 @@ fn patches(
             .stiffness,
     };
     [patch(0, points), patch(1, second)]
-}
-
-/// Elastic energy without what the soft tissue's drag would hold \[N mm\].
-fn strain_energy(bone: &Bone, x: &[f64]) -> f64 {
-    let mut pull = vec![0.0; x.len()];
-    (bone.system).add_drag(&bone.body.mesh, &bone.topology, x, &mut pull);
-    let drag: f64 = pull.iter().zip(x).map(|(f, x)| 0.5 * f * x).sum();
-    bone.system.energy(x) - drag
 }

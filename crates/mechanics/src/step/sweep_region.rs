@@ -52,20 +52,16 @@ impl SweepRegion {
         self.region = bone.system.region(&bone.body.mesh, cells);
     }
 
-    /// Appends the region's unknowns of `x`.
-    pub fn gather(&self, x: &[f64], to: &mut Vec<f64>) {
+    /// Moves the region's unknowns to `values`, its cells and their volumes with them.
+    pub fn deform(
+        &self,
+        bone: &Bone,
+        values: &[f64],
+        state: &mut BoneState,
+        volumes: &mut BoundingVolumes,
+    ) {
         let unknowns = self.region.unknowns().iter();
-        to.extend(unknowns.map(|i| x[*i as usize]));
-    }
-
-    /// Writes the region's unknowns to `x`.
-    pub fn scatter(&self, values: &[f64], x: &mut [f64]) {
-        let unknowns = self.region.unknowns().iter();
-        unknowns.zip(values).for_each(|(i, v)| x[*i as usize] = *v);
-    }
-
-    /// Moves the region's cells and their volumes to where `state` has its unknowns.
-    pub fn deform(&self, bone: &Bone, state: &mut BoneState, volumes: &mut BoundingVolumes) {
+        (unknowns.zip(values)).for_each(|(i, v)| state.x[*i as usize] = *v);
         bone.deform_cells(state, &self.cells);
         volumes.update_cells(&bone.shell, &state.deformation, &self.cells);
     }
