@@ -9,6 +9,7 @@
 mod app;
 mod catalogue;
 mod conductor;
+mod dresser;
 mod eye;
 mod live;
 mod mouse_hands;
