@@ -91,10 +91,17 @@ pub struct DemoArgs {
 #[derive(Args)]
 pub struct RunArgs {
     /// The scenario (TOML)
-    pub scenario: PathBuf,
-    /// Who leads the hands: builtin, or a recorded session
-    #[arg(long, value_name = "builtin|FILE.mcap", default_value = "builtin")]
-    pub input: PathBuf,
+    #[arg(required_unless_present = "from", conflicts_with = "from")]
+    pub scenario: Option<PathBuf>,
+    /// Goes on live from a moment of a recorded session, which is recomputed up to there
+    #[arg(long, value_name = "SESSION.mcap", requires = "at", conflicts_with_all = ["seed", "set"])]
+    pub from: Option<PathBuf>,
+    /// That moment \[s\]
+    #[arg(long, value_name = "S", requires = "from")]
+    pub at: Option<f64>,
+    /// Who leads the hands: builtin (also the default), or a recorded session
+    #[arg(long, value_name = "builtin|FILE.mcap")]
+    pub input: Option<PathBuf>,
     /// Against the clock on three threads, or from one thread and repeatable to the last bit
     #[arg(long, value_enum, default_value_t = Mode::Lockstep)]
     pub mode: Mode,

@@ -12,6 +12,7 @@ mod picture;
 mod prepare_command;
 mod render_command;
 mod report_command;
+mod retry;
 pub mod scenario;
 pub mod session;
 pub mod surgeon;

@@ -1,5 +1,5 @@
 use super::HandsView;
-use crate::loops::{HandOutput, HapticPart, Published, Subscribed};
+use crate::loops::{HandOutput, HapticPart, Published, Seen, Subscribed};
 use crate::scenario::Scenario;
 use anyhow::{Context, Result};
 use nalgebra::Matrix3x4;
@@ -68,8 +68,10 @@ impl BoneView {
 pub struct Haptic {
     model: HapticModel,
     state: HapticState,
-    bone: Subscribed<BoneView>,
+    pub(super) bone: Subscribed<BoneView>,
     hands: Published<HandsView>,
+    steps: u64,
+    seen: u64,
 }
 
 impl Haptic {
@@ -86,6 +88,8 @@ impl Haptic {
             state: HapticState::new(start, n_ids, ScratchLimits::default()),
             bone: view,
             hands,
+            steps: 0,
+            seen: 0,
         })
     }
 
@@ -124,6 +128,8 @@ pub fn haptic_model(scenario: &Scenario, tools: ToolModel) -> Result<HapticModel
 impl HapticPart for Haptic {
     fn step(&mut self, devices: &[Pose; 2], dt: f64) -> [HandOutput; 2] {
         let bone = self.bone.read();
+        self.seen = bone.number;
+        self.steps += 1;
         let input = HapticInput {
             scene: bone.scene(),
             compliance: bone.compliance.as_ref(),
@@ -132,6 +138,7 @@ impl HapticPart for Haptic {
         };
         let output = haptic_step(&self.model, &mut self.state, &input);
         self.hands.write(HandsView {
+            steps: self.steps,
             devices: *devices,
             tools: output.tools,
         });
@@ -147,6 +154,13 @@ impl HapticPart for Haptic {
                 contacts: output.result.n_contacts[i] as u32,
             }
         })
+    }
+
+    fn seen(&self) -> Seen {
+        Seen {
+            state: self.seen,
+            generation: None,
+        }
     }
 
     fn line(&mut self) -> &[Vec3] {

@@ -5,7 +5,7 @@
 use super::catalogue::{self, Leading};
 use super::live::{Feed, SharedLive, look};
 use crate::cli::{Failure, Mode};
-use crate::commands::{Advance, Watch, keep_session};
+use crate::commands::{Advance, Plan, Watch, keep_session};
 use crate::engine::{self, Prepared};
 use crate::input::{Input, Leader, open_devices};
 use crate::loops::{Control, Published, Sink, Subscribed, latest};
@@ -379,6 +379,10 @@ fn session(
     }
     let mut progress = |advance: Advance| match advance {
         Advance::Running { .. } => {}
+        Advance::Recomputing { time, of } => {
+            let words = format!("Recomputing {time:.1} of {of:.1} s");
+            tell(stand, words, (time / of) as f32);
+        }
         Advance::Drawing { done, of } => {
             let share = (done as f32 + 0.5) / of as f32;
             tell(
@@ -394,14 +398,14 @@ fn session(
         progress: &mut progress,
         draws: setup.draws,
     };
-    let ended = keep_session(
-        &scenario,
-        &ready.prepared,
-        input,
-        Mode::Realtime,
-        &folder,
-        &mut watch,
-    );
+    let plan = Plan {
+        scenario: &scenario,
+        prepared: &ready.prepared,
+        mode: Mode::Realtime,
+        out: &folder,
+        from: None,
+    };
+    let ended = keep_session(&plan, input, &mut watch);
     let ended = ended.map_err(|failure| match failure {
         Failure::Input(error) | Failure::Work(error) => error,
     })?;
