@@ -17,14 +17,6 @@ pub(super) struct Balance<'a> {
     work: f64,
 }
 
-/// Neighbouring vertices of a front that would move; the others' moves are zero.
-pub(super) struct Stretch<'a> {
-    pub front: &'a Front,
-    pub moves: Vec<Vec3>,
-    /// The same lengths straight ahead.
-    pub straight: Vec<Vec3>,
-}
-
 /// A growth that was tried.
 pub(super) struct Trial {
     /// The grown body.
@@ -77,22 +69,19 @@ impl<'a> Balance<'a> {
 
     /// The affordable growth of a stretch of front: as a whole or, if the energy does not suffice, only where it is driven
     /// hardest.
-    pub fn advance(&self, stretch: &Stretch) -> Result<Option<Trial>, BodyError> {
-        self.first_paid(stretch.front, parts(&stretch.moves))
+    pub fn advance(&self, front: &Front, moves: &[Vec3]) -> Result<Option<Trial>, BodyError> {
+        self.first_paid(front, parts(moves))
     }
 
     /// What of a stretch that cannot pay as it would move can pay by itself: the stretch moved as far as if no other front were
-    /// driven harder, or as if no vertex of it were driven harder than half of its vertices are, also straight ahead (where a chisel
-    /// presses beside the front, the integrals see its load as shear, and mislead the direction), or a short piece of it.
-    pub fn advance_some(&self, stretch: &Stretch) -> Result<Option<Trial>, BodyError> {
-        let moves = &stretch.moves;
+    /// driven harder, or as if no vertex of it were driven harder than half of its vertices are, or a short piece of it.
+    pub fn advance_some(&self, front: &Front, moves: &[Vec3]) -> Result<Option<Trial>, BodyError> {
         let increment = self.body.solid.lengths.increment;
         let farthest = longest(moves);
         let alone = (farthest < 0.9 * increment).then(|| scaled(moves, increment / farthest));
         let alone = alone.map(|moves| parts(&moves)).unwrap_or_default();
-        let levelled = [moves, &stretch.straight].map(|m| levelled(m, increment));
-        let pieces = alone.into_iter().chain(levelled);
-        self.first_paid(stretch.front, pieces.chain(self.windows(moves)))
+        let pieces = alone.into_iter().chain([levelled(moves, increment)]);
+        self.first_paid(front, pieces.chain(self.windows(moves)))
     }
 
     fn first_paid(

@@ -1,10 +1,10 @@
-use super::balance::{Balance, Stretch, Trial};
+use super::balance::{Balance, Trial};
 use super::bone::{Bone, BoneState};
 use super::ligament;
 use crate::crack::growth::Drive;
 use crate::crack::load_control::FrontDrives;
 use crate::crack::stress_intensity::Station;
-use crate::crack::{BodyError, EvaluatedFront};
+use crate::crack::{BodyError, EvaluatedFront, Front};
 use crate::geometry::Vec3;
 
 /// How the propagation step behaves.
@@ -101,7 +101,7 @@ pub fn propagation_step(
     }
     let balance = Balance::new(&bone.cracked, &state.loads);
     let stretches = stretches(&evaluated, &moves);
-    let mut best = best_of(&stretches, |stretch| balance.advance(stretch))?;
+    let mut best = best_of(&stretches, |front, moves| balance.advance(front, moves))?;
     // A ligament that would tear goes before a crack starts anew elsewhere.
     if best.is_none()
         && let Some((n_edges, torn)) = ligament::weakest(bone, &balance, settings)?
@@ -110,7 +110,9 @@ pub fn propagation_step(
         best = Some(torn).filter(|t| t.ratio >= 1.0);
     }
     if best.is_none() {
-        best = best_of(&stretches, |stretch| balance.advance_some(stretch))?;
+        best = best_of(&stretches, |front, moves| {
+            balance.advance_some(front, moves)
+        })?;
     }
     let Some(Trial { body: grown, .. }) = best else {
         return Ok((None, report));
@@ -123,19 +125,19 @@ pub fn propagation_step(
 /// Of what comes of the stretches, the growth that pays best. It alone is made; then tools and bone come to rest anew before the next
 /// one is, as that load may be gone.
 fn best_of(
-    stretches: &[Stretch],
-    grow: impl Fn(&Stretch) -> Result<Option<Trial>, BodyError>,
+    stretches: &[(&Front, Vec<Vec3>)],
+    grow: impl Fn(&Front, &[Vec3]) -> Result<Option<Trial>, BodyError>,
 ) -> Result<Option<Trial>, BodyError> {
     let mut best: Option<Trial> = None;
-    for stretch in stretches {
+    for (front, moves) in stretches {
         let ratio = best.as_ref().map_or(0.0, |b| b.ratio);
-        best = grow(stretch)?.filter(|t| t.ratio > ratio).or(best);
+        best = grow(front, moves)?.filter(|t| t.ratio > ratio).or(best);
     }
     Ok(best)
 }
 
 /// The moving stretches of all fronts, each by itself.
-fn stretches<'a>(fronts: &'a [EvaluatedFront], moves: &[Vec<Vec3>]) -> Vec<Stretch<'a>> {
+fn stretches<'a>(fronts: &'a [EvaluatedFront], moves: &[Vec<Vec3>]) -> Vec<(&'a Front, Vec<Vec3>)> {
     let rests = |m: &Vec3| *m == Vec3::zeros();
     let mut found = Vec::new();
     for (e, moves) in fronts.iter().zip(moves) {
@@ -146,12 +148,7 @@ fn stretches<'a>(fronts: &'a [EvaluatedFront], moves: &[Vec<Vec3>]) -> Vec<Stret
             if !rests(&stretch[0]) {
                 let mut alone = vec![Vec3::zeros(); moves.len()];
                 alone[places].copy_from_slice(stretch);
-                let ahead = |(m, s): (&Vec3, &Station)| s.advance * m.norm();
-                found.push(Stretch {
-                    front: &e.front,
-                    straight: alone.iter().zip(&e.stations).map(ahead).collect(),
-                    moves: alone,
-                });
+                found.push((&e.front, alone));
             }
         }
     }
