@@ -84,12 +84,8 @@ impl NearPoints {
     /// Makes sure that the points near the shape at `world_from_shape` are here. Looks for them only if the scene is in another
     /// state or the shape has moved by more than the margin.
     pub fn follow(&mut self, shape: &RigidShape, world_from_shape: &Pose, scene: &ContactScene) {
-        let holds = |f: &Found| {
-            scene.state != 0
-                && f.state == scene.state
-                && way(shape, &f.at, world_from_shape) < f64::from(MARGIN - ROUNDING)
-        };
-        if self.found.as_ref().is_some_and(holds) {
+        let is_seen = |f: &Found| scene.state != 0 && f.state == scene.state;
+        if self.found.as_ref().is_some_and(is_seen) && self.holds(shape, world_from_shape) {
             return;
         }
         self.find(shape, world_from_shape, scene);
@@ -97,6 +93,12 @@ impl NearPoints {
             at: *world_from_shape,
             state: scene.state,
         });
+    }
+
+    /// Whether they serve the shape at `world_from_shape` in the state in which they were found.
+    pub fn holds(&self, shape: &RigidShape, world_from_shape: &Pose) -> bool {
+        let near = |f: &Found| way(shape, &f.at, world_from_shape) < f64::from(MARGIN - ROUNDING);
+        self.found.as_ref().is_some_and(near)
     }
 
     /// As [`follow`](Self::follow), from anew.

@@ -5,7 +5,7 @@ use super::relaxation::Acceleration;
 use super::sweep_region::SweepRegion;
 use super::yielding::{Patch, Yielding};
 use crate::bone::{SolveScratch, Swept};
-use crate::contact::{Anchors, BoundingVolumes, ContactScene, PointForce, Wrench};
+use crate::contact::{Anchors, BoundingVolumes, ContactScene, NearPoints, PointForce, Wrench};
 use crate::crack::stress_intensity::CellForce;
 use crate::geometry::{Pose, Vec3};
 use crate::tool::{
@@ -145,12 +145,28 @@ impl MainState {
 
     /// What the tools see of the bone.
     pub fn scene<'a>(&'a self, bone: &'a Bone) -> ContactScene<'a> {
-        ContactScene {
-            shell: &bone.shell,
-            volumes: &self.volumes,
-            deformation: &self.bone.deformation,
-            state: self.scene_state,
-        }
+        scene(bone, &self.bone, &self.volumes, self.scene_state)
+    }
+
+    /// The points near the tools where the last step left them.
+    pub fn near(&self) -> &[NearPoints; 2] {
+        self.tools.near()
+    }
+}
+
+/// What the tools see of the bone: parts of a [`MainState`].
+fn scene<'a>(
+    bone: &'a Bone,
+    state: &'a BoneState,
+    volumes: &'a BoundingVolumes,
+    number: u64,
+) -> ContactScene<'a> {
+    ContactScene {
+        shell: &bone.shell,
+        volumes,
+        deformation: &state.deformation,
+        state: number,
+        near: None,
     }
 }
 
@@ -201,6 +217,8 @@ pub fn main_step(
             let yielding = state.yielding.as_ref();
             state.compliance = yielding.map(|y| y.bone_compliance(&tools, &result.coupling));
             state.tools.commit(&mut state.anchors);
+            let scene = scene(bone, &state.bone, &state.volumes, state.scene_state);
+            state.tools.look_about(model, &tools, &scene);
             return MainReport {
                 iterations,
                 residual,
@@ -315,12 +333,7 @@ fn rest_tools(
     input: &MainInput,
     tools: &mut ToolsState,
 ) -> ToolsResult {
-    let scene = ContactScene {
-        shell: &bone.shell,
-        volumes: &state.volumes,
-        deformation: &state.bone.deformation,
-        state: state.scene_state,
-    };
+    let scene = scene(bone, &state.bone, &state.volumes, state.scene_state);
     let input = ToolInput {
         scene,
         devices: &input.devices,
@@ -346,15 +359,8 @@ fn solve_bone(
     tools: &ToolsState,
     is_first: bool,
 ) -> (Guess, Vec<(CellForce, Source)>, bool) {
-    let forces = state.tools.point_forces(
-        model,
-        &ContactScene {
-            shell: &bone.shell,
-            volumes: &state.volumes,
-            deformation: &state.bone.deformation,
-            state: state.scene_state,
-        },
-    );
+    let scene = scene(bone, &state.bone, &state.volumes, state.scene_state);
+    let forces = state.tools.point_forces(model, &scene);
     let load = |f: &PointForce| CellForce {
         cell: f.cell,
         weights: f.weights.map(f64::from),
