@@ -293,6 +293,7 @@ impl Body {
 
 #[cfg(test)]
 mod tests {
+    use super::super::balance::Balance;
     use super::*;
     use crate::bone::{Supports, TetMaterial};
     use crate::contact::boundary_points;
@@ -357,6 +358,45 @@ mod tests {
             let faces = CrackFaces::new(&bone.cracked);
             assert_eq!(format!("{faces:?}"), format!("{:?}", bone.faces));
         }
+    }
+
+    /// A chip broken off a corner: nothing presses on it any more, and what pressed on it counts as released.
+    #[test]
+    fn debris_is_touched_by_nothing() {
+        let bone = sawn_block();
+        let mesh = &bone.body.mesh;
+        let tet = mesh.tets_of_node(342)[0];
+        let chip = mesh.tets()[tet as usize];
+        let round: Vec<u32> = (0..mesh.edges().len() as u32)
+            .filter(|e| {
+                let inside = mesh.edges()[*e as usize].map(|n| chip.contains(&n));
+                inside[0] != inside[1]
+            })
+            .collect();
+        let mut growth = bone.advanced(&[]);
+        growth.tear(mesh, &round);
+        assert_eq!(growth.newly_cut, round);
+        let cell = |bone: &Bone| bone.topology.cells_of(tet).start as u32;
+        let pressed = |cell: u32| CellForce {
+            cell,
+            weights: [0.25; 4],
+            force: Vec3::new(0.0, 0.0, -30.0),
+        };
+        let loads = [pressed(cell(&bone))];
+        let trial = Balance::new(&bone.cracked, &loads).weigh(growth).unwrap();
+        let trial = trial.unwrap();
+        let stored = 0.5 * bone.work(&loads);
+        let cost = trial.body.cost(&bone.cracked, &round).1;
+        assert!((trial.ratio * cost - stored).abs() < 1e-9 * stored);
+
+        let grown = bone.grown(trial.body);
+        assert!(grown.is_debris(cell(&grown)));
+        assert_eq!(grown.fragments.count(), 1);
+        let holds = |c: usize| !grown.shell.ids_in(c..c + 1).is_empty();
+        let cells = 0..grown.topology.cells().len();
+        assert!(cells.clone().any(holds));
+        assert!(!cells.filter(|c| grown.is_debris(*c as u32)).any(holds));
+        assert!(!grown.faces.cells().any(|c| grown.is_debris(c)));
     }
 
     /// What holds the ends together is sought near the crack: here few edges hang on either end, a corner, far from it.
