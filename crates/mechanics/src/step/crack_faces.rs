@@ -44,7 +44,7 @@ impl CrackFaces {
     }
 
     /// The faces of a body that has grown from `before`, whose faces these are. Where the crack grew they are made anew: what
-    /// was cut ahead of the front has now its own sheet.
+    /// was cut ahead of a saw's front has now its own sheet, which has no kerf.
     pub fn grown(&self, before: &CrackedBody, body: &CrackedBody) -> Self {
         let beside = tets_beside_growth(before, body);
         let mut known = self.divided.iter().peekable();
@@ -54,7 +54,7 @@ impl CrackFaces {
             match old {
                 Some(old)
                     if before.topology.cells_of(t).len() == cells.len()
-                        && !beside[t as usize]
+                        && !(beside[t as usize] && old.is_in_kerf())
                         && !body.has_crumbled(before, t) =>
                 {
                     old.renumbered(cells.start as u32)
@@ -125,6 +125,11 @@ impl Divided {
             area: divided_area(&body.solid.mesh, &body.cuts, &body.topology.cells()[cells]),
             pair: both.then(|| pair(body, tet)).flatten(),
         }
+    }
+
+    /// Whether its faces are a saw cut's walls, as far as is known.
+    fn is_in_kerf(&self) -> bool {
+        self.pair.is_none_or(|p| p.gap > 0.0)
     }
 
     /// The same in a topology where its cells begin at `first`.
