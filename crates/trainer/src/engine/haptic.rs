@@ -4,7 +4,7 @@ use crate::scenario::Scenario;
 use anyhow::{Context, Result};
 use nalgebra::Matrix3x4;
 use osteotome_devices::Wrench;
-use osteotome_mechanics::contact::{BoundingVolumes, ContactScene, PointShell};
+use osteotome_mechanics::contact::{BoundingVolumes, ContactScene, NearPoints, PointShell};
 use osteotome_mechanics::geometry::{Pose, Vec3};
 use osteotome_mechanics::step::haptic::{
     DeviceLimits, HapticInput, HapticModel, HapticState, haptic_step,
@@ -27,6 +27,8 @@ pub struct BoneView {
     pub number: u64,
     /// Of this state.
     pub compliance: Option<BoneCompliance>,
+    /// Points near the tools as the main loop left them, so that the haptic loop need not look for them.
+    pub near: [NearPoints; 2],
     /// How far the bone has moved at each mark of the line \[mm\].
     pub line: Vec<Vec3>,
 }
@@ -40,6 +42,7 @@ impl BoneView {
             deformation: state.deformation.clone(),
             number: 1,
             compliance: None,
+            near: std::array::from_fn(|_| NearPoints::with_capacity(0, 0)),
             line: Vec::new(),
         }
     }
@@ -51,6 +54,7 @@ impl BoneView {
         self.deformation.clone_from(&state.bone.deformation);
         self.volumes.clone_from(&state.volumes);
         self.compliance = state.compliance;
+        self.near.clone_from(state.near());
     }
 
     /// As contact wants it.
@@ -60,6 +64,7 @@ impl BoneView {
             volumes: &self.volumes,
             deformation: &self.deformation,
             state: self.number,
+            near: Some(&self.near),
         }
     }
 }

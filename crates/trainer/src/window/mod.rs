@@ -10,6 +10,7 @@ mod app;
 mod catalogue;
 mod coach;
 mod conductor;
+mod dresser;
 mod eye;
 mod guide;
 mod live;
