@@ -5,6 +5,7 @@ use crate::engine::{self, Prepared};
 use crate::input::{Input, open_devices};
 use crate::loops::{Control, Sink, lockstep, realtime_under};
 use crate::picture::{self, write_pictures};
+use crate::planning::Planning;
 use crate::prepare_command::check_patient;
 use crate::scenario::{self, Override, Scenario, Source};
 use crate::session::{
@@ -131,6 +132,10 @@ pub fn check(args: &CheckArgs) -> Result<(), Failure> {
     }
     for note in &p.constructed {
         talk::say(&format!("Constructed, not measured: {note}."));
+    }
+    let review = Planning::new(&prepared, &scenario).review().clone();
+    for finding in review.faults.iter().chain(&review.remarks) {
+        talk::say(&format!("Osteotomy: {finding}."));
     }
     Ok(())
 }

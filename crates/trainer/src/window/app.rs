@@ -5,6 +5,7 @@ use super::eye::{Eye, Look};
 use super::live::{SharedLive, look};
 use super::mouse_hands::{Held, MouseHands};
 use super::orbit::Orbit;
+use super::planner::{self, Planner};
 use super::settings::Settings;
 use super::shortcuts::{self, Command};
 use super::{catalogue, panels, scene};
@@ -49,6 +50,7 @@ pub struct Window {
     pub(super) notice: Option<(String, Instant)>,
     pub(super) apart: f64,
     pub(super) view: ViewState,
+    pub(super) planner: Planner,
     eye: Eye,
     folder: Option<PathBuf>,
     is_closing: bool,
@@ -139,6 +141,7 @@ impl Window {
             notice: None,
             apart: 0.0,
             view: ViewState::default(),
+            planner: Planner::default(),
             eye,
             folder,
             is_closing: false,
@@ -364,6 +367,7 @@ impl Window {
         panels::right(self, ui);
         panels::plots(self, ui);
         scene::centre(self, ui);
+        planner::panel(self, &ctx);
         panels::help(self, &ctx);
         panels::summary(self, &ctx);
         let is_moving = !matches!(self.conductor.phase(), Phase::Ready | Phase::Empty);

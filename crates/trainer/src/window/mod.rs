@@ -14,6 +14,7 @@ mod live;
 mod mouse_hands;
 mod orbit;
 mod panels;
+mod planner;
 mod plots;
 mod rehearsal;
 mod scene;

@@ -5,7 +5,7 @@ use super::conductor::Phase;
 use super::live::look;
 use super::mouse_hands::Held;
 use super::shortcuts::{self, Command};
-use super::{plots, style};
+use super::{planner, plots, style};
 use crate::picture::View;
 use crate::talk;
 use eframe::egui::{
@@ -223,6 +223,7 @@ fn scenario(w: &mut Window, ui: &mut Ui) {
             open_path(w);
         }
     });
+    planner::switch(w, ui);
 }
 
 /// Goes over to the scenario file whose path has been typed or dropped.
