@@ -6,6 +6,7 @@ use super::guide::Guide;
 use super::live::{SharedLive, look};
 use super::mouse_hands::{Held, MouseHands};
 use super::orbit::Orbit;
+use super::planner::{self, Planner};
 use super::settings::Settings;
 use super::shortcuts::{self, Command};
 use super::teacher::Teacher;
@@ -52,6 +53,7 @@ pub struct Window {
     pub(super) apart: f64,
     pub(super) view: ViewState,
     pub(super) teacher: Teacher,
+    pub(super) planner: Planner,
     eye: Eye,
     folder: Option<PathBuf>,
     is_closing: bool,
@@ -143,6 +145,7 @@ impl Window {
             apart: 0.0,
             view: ViewState::default(),
             teacher: Teacher::default(),
+            planner: Planner::default(),
             eye,
             folder,
             is_closing: false,
@@ -415,6 +418,7 @@ impl Window {
         panels::plots(self, ui);
         teacher::strip(self, ui);
         scene::centre(self, ui);
+        planner::panel(self, &ctx);
         panels::help(self, &ctx);
         panels::summary(self, &ctx);
         teacher::history(self, &ctx);

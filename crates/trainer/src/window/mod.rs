@@ -18,6 +18,7 @@ mod look_back;
 mod mouse_hands;
 mod orbit;
 mod panels;
+mod planner;
 mod plots;
 mod rehearsal;
 mod scene;
