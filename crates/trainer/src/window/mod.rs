@@ -20,6 +20,8 @@ mod rehearsal;
 mod scene;
 mod settings;
 mod shortcuts;
+#[cfg(test)]
+mod soak;
 mod style;
 
 use crate::cli::{Failure, TrainArgs};
