@@ -203,6 +203,7 @@ impl Window {
             Command::FirstPerson => self.view.is_first_person = true,
             Command::Transparent => self.settings.is_transparent ^= true,
             Command::Loads => self.settings.shows_loads ^= true,
+            Command::Head => self.settings.shows_head ^= true,
             Command::Stereo => {
                 let now = STEREO.iter().position(|s| s.0 == self.settings.stereo);
                 self.settings.stereo = STEREO[(now.unwrap_or(0) + 1) % STEREO.len()].0;
@@ -360,6 +361,7 @@ impl Window {
             size,
             is_transparent: self.settings.is_transparent,
             shows_loads: self.settings.shows_loads,
+            shows_head: self.settings.shows_head,
             apart: self.apart,
             stereo: self.settings.stereo,
         };

@@ -24,6 +24,8 @@ mod rehearsal;
 mod scene;
 mod settings;
 mod shortcuts;
+#[cfg(test)]
+mod soak;
 mod style;
 mod teacher;
 
