@@ -318,6 +318,10 @@ pub struct RenderArgs {
     /// Looks through the bone, with the crack in red
     #[arg(long)]
     pub transparent: bool,
+
+    /// A schematic head around: lips, skin, cheek retractor, upper teeth
+    #[arg(long)]
+    pub head: bool,
     /// Takes fragments apart by so many mm, to look between them
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = apart)]
     pub apart: f64,

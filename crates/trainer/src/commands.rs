@@ -5,6 +5,7 @@ use crate::engine::{self, Engine, EngineUnderway, Prepared};
 use crate::input::{Input, Leader, open_devices};
 use crate::loops::{self, Control, Sink, lockstep_on, realtime_on};
 use crate::picture::{self, write_pictures};
+use crate::planning::Planning;
 use crate::prepare_command::check_patient;
 use crate::profiles::{self, Store};
 use crate::retry::{Moment, Recomputing, Schedule, recompute};
@@ -248,6 +249,10 @@ pub fn check(args: &CheckArgs) -> Result<(), Failure> {
     }
     for note in &p.constructed {
         talk::say(&format!("Constructed, not measured: {note}."));
+    }
+    let review = Planning::new(&prepared, &scenario).review().clone();
+    for finding in review.faults.iter().chain(&review.remarks) {
+        talk::say(&format!("Osteotomy: {finding}."));
     }
     Ok(())
 }

@@ -9,6 +9,7 @@ mod fracture;
 pub mod input;
 pub mod loops;
 mod picture;
+mod planning;
 mod prepare_command;
 mod profiles;
 mod render_command;

@@ -1,4 +1,5 @@
-//! The window: what it says without a display, and under Xvfb a trainee's session by clicks and keys, looked at by its pixels.
+//! The window: what it says without a display, and under Xvfb a trainee's session by clicks and keys, and a line planned, looked at
+//! by its pixels.
 #![allow(clippy::print_stderr)] // a skipped test says so
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -129,6 +130,7 @@ impl Stage {
         command.arg("--rehearse").arg(self.path("script"));
         command.arg("--out").arg(self.path("sessions"));
         command
+            .current_dir(self.folder.path())
             .env("DISPLAY", &self.display.name)
             .env("XDG_RUNTIME_DIR", self.folder.path())
             .env("LIBGL_ALWAYS_SOFTWARE", "1")
@@ -377,4 +379,52 @@ fn a_session_is_looked_back_at_gone_on_from_and_remembered() {
     for session in ["0001-bsso-right-side", "0002-bsso-right-side"] {
         assert!(shown.contains(session), "{shown}");
     }
+}
+
+/// The planner: techniques, the other side, a point dragged, and a scenario saved that the window goes over to.
+#[test]
+fn a_line_is_planned_dragged_and_saved_as_a_scenario() {
+    let Some(stage) = Stage::open("is_transparent = true\n") else {
+        return;
+    };
+    stage.rehearse(
+        "wait Ready
+         rest 4
+         shot before.png
+         click Plan the line
+         wait The line is sound
+         rest 2
+         shot plan.png
+         click Obwegeser
+         wait Obwegeser's line
+         rest 1
+         shot obwegeser.png
+         click Mirror to the other side
+         wait Mirrored
+         click Hunsuck
+         wait Hunsuck's line
+         rest 1
+         shot left.png
+         click Save scenario
+         gone Osteotomy planner
+         wait Saved
+         quit",
+    );
+    let [before, plan, obwegeser, left] =
+        ["before", "plan", "obwegeser", "left"].map(|n| stage.shot(&format!("{n}.png")));
+    for (what, a, b) in [
+        ("the planner", &before, &plan),
+        ("another technique", &plan, &obwegeser),
+        ("the other side", &obwegeser, &left),
+    ] {
+        let n = n_different(&a.scene(), &b.scene());
+        assert!(n > 300, "{what} changed {n} pixels");
+    }
+    let text = std::fs::read_to_string(stage.path("planned.toml")).unwrap();
+    let saved: toml::Table = text.parse().unwrap();
+    assert_eq!(saved["osteotomy"]["side"].as_str(), Some("left"));
+    let line = std::fs::read_to_string(stage.path("planned.osteotomy.json")).unwrap();
+    let line: serde_json::Value = serde_json::from_str(&line).unwrap();
+    assert_eq!(line["side"], "left");
+    assert!(line["points"].as_array().unwrap().len() > 30);
 }

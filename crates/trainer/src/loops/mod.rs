@@ -276,7 +276,7 @@ pub(crate) fn view(sample: &GrowthSample) -> CrackView {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     //! A spring in place of the mechanics: the tool is the device, the wrench a spring to the start, and the crack grows
     //! a little with every tenth main step until the bone is in two.
     use super::*;

@@ -5,6 +5,7 @@
 mod anchored;
 mod bone_skin;
 mod crack_skin;
+mod head;
 mod look;
 mod patient;
 mod print;

@@ -1,6 +1,6 @@
 //! What stands around the bone: chisels with their handles, and arrows of the load.
 use super::look;
-use osteotome_mechanics::geometry::{Pose, Vec3};
+use osteotome_mechanics::geometry::{Pose, TriMesh, Vec3};
 use osteotome_mechanics::tool::Chisel;
 use osteotome_render::{Kind, Material, Mesh, scene::vertex_normals};
 
@@ -32,6 +32,16 @@ impl Prop {
             normals: &self.normals,
             triangles: &self.triangles,
         }
+    }
+
+    /// Of a surface that shows both its sides, smooth.
+    pub(super) fn surface(material: Material, mesh: &TriMesh) -> Self {
+        Self::solid(material, &mesh.vertices, mesh.triangles.clone(), true)
+    }
+
+    /// The same with edges.
+    pub(super) fn flat(material: Material, mesh: &TriMesh) -> Self {
+        Self::solid(material, &mesh.vertices, mesh.triangles.clone(), false)
     }
 
     fn moved(&self, pose: &Pose) -> Self {

@@ -8,7 +8,7 @@ use crate::engine::Prepared;
 use crate::session::GrowthSample;
 use anyhow::Result;
 use osteotome_mechanics::crack::CrackedBody;
-use osteotome_mechanics::geometry::Vec3;
+use osteotome_mechanics::geometry::{TriMesh, Vec3};
 use osteotome_render::Kind;
 use osteotome_render::skin::{Part, Skin as Drawn};
 use std::borrow::Borrow;
@@ -26,6 +26,8 @@ pub struct Skins {
     pub broken: Skin,
     /// Crowns.
     pub teeth: Skin,
+    /// Gums about their necks, over the same vertices.
+    gums: Vec<[u32; 3]>,
 }
 
 /// A generation of the bone with its skins. Whoever shows it needs nothing else of the crack.
@@ -120,9 +122,9 @@ fn state_of(growth: Option<&GrowthSample>) -> GrowthState {
     )
 }
 
-/// Crowns, each carried by the tetrahedron under its neck.
-fn teeth(body: &CrackedBody, prepared: &Prepared) -> Skin {
-    let mut skin = Skin::default();
+/// Crowns and the gums about them, each carried by the tetrahedron under its neck.
+fn teeth(body: &CrackedBody, prepared: &Prepared) -> (Skin, Vec<[u32; 3]>) {
+    let (mut skin, mut gums) = (Skin::default(), Vec::new());
     for tooth in &prepared.patient.teeth {
         let surface = &tooth.surface;
         let bounds = surface.bounds();
@@ -131,15 +133,60 @@ fn teeth(body: &CrackedBody, prepared: &Prepared) -> Skin {
         let root = neck.iter().copied().sum::<Vec3>() / neck.len().max(1) as f64;
         let (tet, weights) = tet_at(body, &root);
         let cell = body.topology.cell_at(tet, &weights);
-        let first = skin.anchors.len() as u32;
-        for p in &surface.vertices {
-            let weights = body.solid.mesh.barycentric(tet as usize, p);
-            skin.push(Anchor { cell, weights }, p);
-        }
-        let triangles = surface.triangles.iter().map(|t| t.map(|v| v + first));
-        skin.triangles.extend(triangles);
+        let mut add = |mesh: &TriMesh| {
+            let first = skin.anchors.len() as u32;
+            for p in &mesh.vertices {
+                let weights = body.solid.mesh.barycentric(tet as usize, p);
+                skin.push(Anchor { cell, weights }, p);
+            }
+            let numbered = mesh.triangles.iter().map(move |t| t.map(|v| v + first));
+            numbered.collect::<Vec<_>>()
+        };
+        let (crown, gum) = (add(surface), add(&gum(surface)));
+        skin.triangles.extend(crown);
+        gums.extend(gum);
     }
-    skin
+    (skin, gums)
+}
+
+/// A ring of gum about a crown's neck.
+fn gum(crown: &TriMesh) -> TriMesh {
+    /// Of the ring \[mm\].
+    const THICK: f64 = 1.9;
+    /// Points around, and around the ring itself.
+    const AROUND: [u32; 2] = [24, 10];
+    let bounds = crown.bounds();
+    let extent = bounds.extent();
+    let low = bounds.min.z + 0.32 * extent.z;
+    let neck: Vec<&Vec3> = crown.vertices.iter().filter(|p| p.z <= low).collect();
+    let middle = neck.iter().copied().sum::<Vec3>() / neck.len().max(1) as f64;
+    // As far from the middle as the neck is in that direction.
+    let reach = |way: &Vec3| {
+        neck.iter()
+            .map(|p| (*p - middle).dot(way))
+            .fold(0.0, f64::max)
+    };
+    let turn = |k: u32, n: u32| (f64::from(k) / f64::from(n) * std::f64::consts::TAU).sin_cos();
+    let mut ring = TriMesh::default();
+    for i in 0..AROUND[0] {
+        let (s, c) = turn(i, AROUND[0]);
+        let way = Vec3::new(c, s, 0.0);
+        let centre =
+            Vec3::new(middle.x, middle.y, low - 0.9 * THICK) + way * (reach(&way) - 0.45 * THICK);
+        for k in 0..AROUND[1] {
+            let (s, c) = turn(k, AROUND[1]);
+            ring.vertices
+                .push(centre + (way * c + Vec3::z() * (1.5 * s)) * THICK);
+        }
+    }
+    for i in 0..AROUND[0] {
+        for k in 0..AROUND[1] {
+            let at = |i: u32, k: u32| (i % AROUND[0]) * AROUND[1] + k % AROUND[1];
+            let [a, b, c, d] = [at(i, k), at(i + 1, k), at(i + 1, k + 1), at(i, k + 1)];
+            ring.triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    ring
 }
 
 impl Skins {
@@ -150,12 +197,14 @@ impl Skins {
 
     fn slit(body: &CrackedBody, prepared: &Prepared, places: &Places, slits: &mut Slits) -> Self {
         let gap = gap_skin(body, &*prepared.bone.body.region.0);
+        let (teeth, gums) = teeth(body, prepared);
         Self {
             bone: slits.skin(body, &prepared.patient.surface, places, &gap),
             kerf: kerf_skin(body),
             gap,
             broken: broken_sheets(body),
-            teeth: teeth(body, prepared),
+            teeth,
+            gums,
         }
     }
 
@@ -189,11 +238,10 @@ impl Skins {
                 look::CRACK,
                 &self.broken.triangles,
             )]),
-            self.teeth.drawn(vec![smooth(
-                Kind::Solid,
-                look::TOOTH,
-                &self.teeth.triangles,
-            )]),
+            self.teeth.drawn(vec![
+                smooth(Kind::Solid, look::TOOTH, &self.teeth.triangles),
+                smooth(Kind::Solid, look::MUCOSA, &self.gums),
+            ]),
         ]
     }
 }

@@ -3,7 +3,7 @@ use super::anchored::{drawn_cells, piece_of};
 use super::crack_skin::GapSkin;
 use super::props::{Figure, Prop, load};
 use super::skins::{Dressed, GrowthState, Skinner};
-use super::{look, views::View};
+use super::{head, look, views::View};
 use crate::engine::Prepared;
 use crate::scenario::{Eyes, Scenario};
 use crate::session::{BoneSample, HandSample, Recording};
@@ -20,6 +20,7 @@ pub struct Stage<'a> {
     scenery: Scenery<'a>,
     skinner: Skinner<'a>,
     recording: &'a Recording,
+    shows_head: bool,
 }
 
 /// A patient's bone, ready to be shown in any state of any session.
@@ -29,6 +30,8 @@ pub struct Scenery<'a> {
     prepared: &'a Prepared,
     scenario: &'a Scenario,
     chisels: [Figure; 2],
+    /// With the schematic head, and what the patient came with alone.
+    around: [Arc<[Prop]>; 2],
     dressed: Arc<Dressed>,
     /// As last shown.
     cells: Arc<[MovedCell]>,
@@ -47,6 +50,8 @@ pub struct Instant<'a> {
     pub apart: f64,
     /// Whether arrows show the loads.
     pub shows_loads: bool,
+    /// Whether a schematic head shows from where the chisels can come.
+    pub shows_head: bool,
 }
 
 /// What is to be seen at one moment.
@@ -58,8 +63,9 @@ pub struct Moment {
     /// What moves with the bone, and the cells that move it.
     skins: Arc<[Drawn]>,
     cells: Arc<[MovedCell]>,
-    /// All else.
+    /// All else, and what stands still.
     props: Vec<Prop>,
+    around: Arc<[Prop]>,
     /// The latest growth.
     pub growth: GrowthState,
     eyes: Eyes,
@@ -76,7 +82,12 @@ impl Moment {
         Scene {
             skins: &self.skins,
             cells: &self.cells,
-            meshes: self.props.iter().map(Prop::mesh).collect(),
+            meshes: self
+                .props
+                .iter()
+                .chain(&*self.around)
+                .map(Prop::mesh)
+                .collect(),
             background: look::BACKGROUND,
         }
     }
@@ -97,7 +108,13 @@ impl<'a> Stage<'a> {
             scenery: Scenery::new(prepared, &recording.scenario.scenario, sawn)?,
             skinner,
             recording,
+            shows_head: false,
         })
+    }
+
+    /// Shows a schematic head, or not.
+    pub fn show_head(&mut self, is_shown: bool) {
+        self.shows_head = is_shown;
     }
 
     /// The recording.
@@ -129,6 +146,7 @@ impl<'a> Stage<'a> {
                 .map(|h| &h[step.min(h.len() - 1)]),
             apart,
             shows_loads: true,
+            shows_head: self.shows_head,
         };
         if !self.scenery.suits(instant.bone) {
             let generation = usize::try_from(generation(instant.bone))?;
@@ -155,8 +173,11 @@ impl<'a> Scenery<'a> {
             })?;
             anyhow::Ok(Figure::of(&chisel))
         };
+        let own = head::surroundings(prepared);
+        let all = own.iter().cloned().chain(head::schematic(prepared));
         Ok(Self {
             chisels: [blade(0)?, blade(1)?],
+            around: [all.collect::<Vec<_>>().into(), own.into()],
             cells: cells_of(&sawn.body, None)?,
             dressed: sawn,
             prepared,
@@ -212,6 +233,7 @@ impl<'a> Scenery<'a> {
             skins: self.dressed.drawn.clone(),
             cells,
             props,
+            around: self.around[usize::from(!now.shows_head)].clone(),
             growth: self.dressed.growth,
             eyes: self.scenario.view,
         })

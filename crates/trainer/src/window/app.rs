@@ -6,6 +6,7 @@ use super::guide::Guide;
 use super::live::{SharedLive, look};
 use super::mouse_hands::{Held, MouseHands};
 use super::orbit::Orbit;
+use super::planner::{self, Planner};
 use super::settings::Settings;
 use super::shortcuts::{self, Command};
 use super::teacher::Teacher;
@@ -52,6 +53,7 @@ pub struct Window {
     pub(super) apart: f64,
     pub(super) view: ViewState,
     pub(super) teacher: Teacher,
+    pub(super) planner: Planner,
     eye: Eye,
     folder: Option<PathBuf>,
     is_closing: bool,
@@ -143,6 +145,7 @@ impl Window {
             apart: 0.0,
             view: ViewState::default(),
             teacher: Teacher::default(),
+            planner: Planner::default(),
             eye,
             folder,
             is_closing: false,
@@ -200,6 +203,7 @@ impl Window {
             Command::FirstPerson => self.view.is_first_person = true,
             Command::Transparent => self.settings.is_transparent ^= true,
             Command::Loads => self.settings.shows_loads ^= true,
+            Command::Head => self.settings.shows_head ^= true,
             Command::Stereo => {
                 let now = STEREO.iter().position(|s| s.0 == self.settings.stereo);
                 self.settings.stereo = STEREO[(now.unwrap_or(0) + 1) % STEREO.len()].0;
@@ -357,6 +361,7 @@ impl Window {
             size,
             is_transparent: self.settings.is_transparent,
             shows_loads: self.settings.shows_loads,
+            shows_head: self.settings.shows_head,
             apart: self.apart,
             stereo: self.settings.stereo,
         };
@@ -415,6 +420,7 @@ impl Window {
         panels::plots(self, ui);
         teacher::strip(self, ui);
         scene::centre(self, ui);
+        planner::panel(self, &ctx);
         panels::help(self, &ctx);
         panels::summary(self, &ctx);
         teacher::history(self, &ctx);

@@ -578,12 +578,12 @@ fn free_folder(sessions: &Path, name: &str) -> Result<PathBuf> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::live::SharedLive;
     use super::*;
     use std::time::{Duration, Instant};
 
-    fn until(conductor: &mut Conductor, what: &str, mut is_so: impl FnMut(&Conductor) -> bool) {
+    pub fn until(conductor: &mut Conductor, what: &str, mut is_so: impl FnMut(&Conductor) -> bool) {
         let start = Instant::now();
         loop {
             conductor.poll();
@@ -600,7 +600,7 @@ mod tests {
         }
     }
 
-    fn conductor() -> (Conductor, SharedLive) {
+    pub fn conductor() -> (Conductor, SharedLive) {
         let live = SharedLive::default();
         let overrides = ["mesh.nodes=200", "mesh.shell_points=4000"];
         let overrides = overrides.map(|o| o.parse().unwrap()).to_vec();
@@ -610,7 +610,7 @@ mod tests {
         (conductor, live)
     }
 
-    fn setup(folder: &Path) -> Setup {
+    pub fn setup(folder: &Path) -> Setup {
         Setup {
             hands: [Leading::Surgeon, Leading::Mouse],
             sessions: folder.to_owned(),
@@ -619,7 +619,7 @@ mod tests {
         }
     }
 
-    fn has_begun(live: &SharedLive) -> bool {
+    pub fn has_begun(live: &SharedLive) -> bool {
         look(live).time > 0.02
     }
 
@@ -676,38 +676,5 @@ mod tests {
                 .join("0003-bsso-right-side/session.mcap")
                 .is_file()
         );
-    }
-
-    /// Resident memory \[pages\].
-    #[cfg(target_os = "linux")]
-    fn resident() -> f64 {
-        let text = std::fs::read_to_string("/proc/self/statm").unwrap();
-        text.split(' ').nth(1).unwrap().parse().unwrap()
-    }
-
-    /// 1,000 resets with OSTEOTOME_LONG=1, 40 without. The first tenth is for pools and allocators to settle.
-    #[cfg(target_os = "linux")]
-    #[test]
-    fn resets_leave_memory_as_it_was() {
-        let n = if std::env::var_os("OSTEOTOME_LONG").is_some() {
-            1000
-        } else {
-            40
-        };
-        let (mut c, live) = conductor();
-        let mut settled = 0.0;
-        for k in 0..n {
-            let folder = tempfile::tempdir().unwrap();
-            c.start(setup(folder.path()));
-            until(&mut c, "begun", |_| has_begun(&live));
-            c.reset();
-            until(&mut c, "kept", |c| c.phase() == Phase::Ready);
-            assert!(c.take_kept().is_some(), "{:?}", c.take_notice());
-            if k == n / 4 {
-                settled = resident();
-            }
-        }
-        let grown = resident() / settled - 1.0;
-        assert!(grown < 0.1, "memory grew by {:.1} %", 100.0 * grown);
     }
 }

@@ -26,6 +26,8 @@ pub struct Look {
     pub is_transparent: bool,
     /// Whether arrows show the loads.
     pub shows_loads: bool,
+    /// Whether a schematic head is shown.
+    pub shows_head: bool,
     /// How far fragments are taken apart \[mm\].
     pub apart: f64,
     /// For two eyes.
@@ -315,6 +317,7 @@ fn moment(
         hands: hands.each_ref(),
         apart: wished.apart,
         shows_loads: wished.shows_loads,
+        shows_head: wished.shows_head,
     };
     if !scenery.suits(bone.as_deref()) {
         let bone = bone.clone();

@@ -18,11 +18,14 @@ mod look_back;
 mod mouse_hands;
 mod orbit;
 mod panels;
+mod planner;
 mod plots;
 mod rehearsal;
 mod scene;
 mod settings;
 mod shortcuts;
+#[cfg(test)]
+mod soak;
 mod style;
 mod teacher;
 

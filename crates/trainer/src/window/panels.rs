@@ -6,7 +6,7 @@ use super::conductor::Phase;
 use super::live::look;
 use super::mouse_hands::Held;
 use super::shortcuts::{self, Command};
-use super::{plots, style, teacher};
+use super::{planner, plots, style, teacher};
 use crate::picture::View;
 use crate::talk;
 use eframe::egui::{
@@ -228,6 +228,7 @@ fn scenario(w: &mut Window, ui: &mut Ui) {
             open_path(w);
         }
     });
+    planner::switch(w, ui);
 }
 
 /// Goes over to the scenario file whose path has been typed or dropped.
@@ -314,6 +315,7 @@ fn view(w: &mut Window, ui: &mut Ui) {
     }
     ui.checkbox(&mut w.settings.is_transparent, "Look through the bone");
     ui.checkbox(&mut w.settings.shows_loads, "Load arrows");
+    ui.checkbox(&mut w.settings.shows_head, "Head around");
     ui.horizontal(|ui| {
         ui.label("Apart");
         ui.spacing_mut().slider_width = ui.available_width() - 70.0;

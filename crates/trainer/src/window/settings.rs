@@ -23,13 +23,14 @@ pub struct Settings {
     pub hands: [String; 2],
     /// Where sessions are kept.
     pub sessions: PathBuf,
-    /// From where the scene is seen.
     /// From where the scene is seen; absent, once turned by hand: the usual view next time.
     pub view: Option<View>,
     /// Whether one looks through the bone.
     pub is_transparent: bool,
     /// Whether arrows show the loads.
     pub shows_loads: bool,
+    /// Whether a schematic head is shown.
+    pub shows_head: bool,
     /// For two eyes.
     pub stereo: Option<StereoMode>,
     /// Whether pictures are drawn into session folders.
@@ -58,6 +59,7 @@ impl Default for Settings {
             view: Some(View::Close),
             is_transparent: false,
             shows_loads: true,
+            shows_head: false,
             stereo: None,
             draws_pictures: true,
             shows_hints: true,

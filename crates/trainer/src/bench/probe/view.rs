@@ -94,6 +94,7 @@ impl<'a> Views<'a> {
             hands,
             apart: 0.0,
             shows_loads: false,
+            shows_head: false,
         };
         let made = self.made.take();
         let (moment, ms) = in_ms(|| {
