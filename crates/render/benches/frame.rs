@@ -22,11 +22,20 @@ fn sphere(radius: f32, rings: u32, meridians: u32) -> Triangles {
             positions.push([r * angle.cos(), r * angle.sin(), radius * polar.cos()]);
         }
     }
+    // Each pole is one vertex, so that the surface is closed.
+    let at = |i: u32, k: u32| match i {
+        0 => 0,
+        _ if i == rings => rings * meridians,
+        _ => i * meridians + k % meridians,
+    };
     for i in 0..rings {
         for k in 0..meridians {
-            let next = (k + 1) % meridians;
-            let [a, b] = [i * meridians + k, i * meridians + next];
-            triangles.extend([[a, a + meridians, b + meridians], [a, b + meridians, b]]);
+            let [a, b, c, d] = [at(i, k), at(i + 1, k), at(i + 1, k + 1), at(i, k + 1)];
+            let both = [[a, b, c], [a, c, d]];
+            triangles.extend(
+                both.into_iter()
+                    .filter(|[a, b, c]| a != b && b != c && c != a),
+            );
         }
     }
     (positions, triangles)
@@ -102,11 +111,11 @@ fn on_device(scene: &Scene, camera: &Camera) {
         Err(fault) => return println!("  {fault}"),
     };
     println!("  {}", gpu.name());
-    let mut yardstick = gpu.yardstick();
+    let yardstick = gpu.yardstick();
     let mut time = |work, is_transparent| {
         let options = options(is_transparent);
         least(|| {
-            let made = gpu.timed(&mut yardstick, work, scene, camera, &options);
+            let made = gpu.timed(&yardstick, work, scene, camera, &options);
             made.expect("a frame of this size fits").0
         })
     };
@@ -121,13 +130,15 @@ fn on_device(scene: &Scene, camera: &Camera) {
     println!("    transparent frame: {:.1} ms", time(Work::Frame, true));
 }
 
-/// The cells of a simulation mesh of usual size.
+/// The cells of a simulation mesh of usual size, each a tetrahedron about the whole sphere.
 const N_CELLS: u32 = 4000;
+const LOW: f32 = -20.0;
+const HIGH: f32 = 75.0;
 
 /// The bone as what moves with cells; here all of them stand still.
 fn skin((positions, triangles): &Triangles) -> (Skin, Vec<MovedCell>) {
     let anchor = |(v, p): (u32, &[f32; 3])| {
-        let [x, y, z] = p.map(|c| (c + 60.0) / 240.0);
+        let [x, y, z] = p.map(|c| (c - LOW) / (HIGH - LOW));
         Anchor {
             cell: v.wrapping_mul(2_654_435_761) % N_CELLS,
             weights: [1.0 - x - y - z, x, y, z],
@@ -141,12 +152,11 @@ fn skin((positions, triangles): &Triangles) -> (Skin, Vec<MovedCell>) {
         triangles: triangles.clone(),
     };
     let anchors = (0u32..).zip(positions).map(anchor).collect();
-    let (low, high) = (-60.0, 180.0);
     let cell = [
-        [low; 3],
-        [high, low, low],
-        [low, high, low],
-        [low, low, high],
+        [LOW; 3],
+        [HIGH, LOW, LOW],
+        [LOW, HIGH, LOW],
+        [LOW, LOW, HIGH],
     ];
     let skin = Skin::new(anchors, positions.clone(), vec![part]);
     (skin, vec![cell; N_CELLS as usize])

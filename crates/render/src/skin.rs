@@ -57,6 +57,8 @@ pub struct Skin {
     anchors: Vec<Anchor>,
     rest: Vec<[f32; 3]>,
     parts: Vec<Part>,
+    is_closed: bool,
+    beyond: f32,
 }
 
 /// A skin's vertices at one moment.
@@ -72,10 +74,22 @@ impl Skin {
         assert_eq!(anchors.len(), rest.len(), "a place for each vertex");
         Self {
             number: NEXT.fetch_add(1, Ordering::Relaxed),
+            is_closed: is_bone_closed(&parts),
+            beyond: anchors.iter().map(beyond).fold(0.0, f32::max),
             anchors,
             rest,
             parts,
         }
+    }
+
+    /// Whether its bone, with its seams, is a closed surface; a skin without bone is.
+    pub(crate) fn is_closed(&self) -> bool {
+        self.is_closed
+    }
+
+    /// By how much of a cell's extent vertices may lie outside of their cells.
+    pub(crate) fn beyond(&self) -> f32 {
+        self.beyond
     }
 
     pub(crate) fn number(&self) -> u64 {
@@ -138,6 +152,55 @@ impl Skin {
             normals: if p.is_smooth { &moved.normals } else { &[] },
             triangles: &p.triangles,
         })
+    }
+}
+
+/// A vertex is the mean of nodes by its weights above zero, and as far from there as those below zero carry it.
+fn beyond(anchor: &Anchor) -> f32 {
+    -anchor.weights.iter().map(|w| w.min(0.0)).sum::<f32>()
+}
+
+/// Whether each edge of bone and seams is run through as often one way as the other.
+fn is_bone_closed(parts: &[Part]) -> bool {
+    let bone = parts
+        .iter()
+        .filter(|p| matches!(p.kind, Kind::Bone | Kind::Seam));
+    let edges = |t: &[u32; 3]| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];
+    let mut edges: Vec<[u32; 2]> = bone.flat_map(|p| &p.triangles).flat_map(edges).collect();
+    edges.sort_unstable_by_key(|[a, b]| [*a.min(b), *a.max(b)]);
+    let way = |[a, b]: &[u32; 2]| if a < b { 1 } else { -1 };
+    let same = |a: &[u32; 2], b: &[u32; 2]| a.iter().all(|v| b.contains(v));
+    edges
+        .chunk_by(same)
+        .all(|e| e.iter().map(way).sum::<i32>() == 0)
+}
+
+/// A box that holds a body.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bounds {
+    pub low: V3,
+    pub high: V3,
+}
+
+impl Bounds {
+    /// Of vertices that lie outside of these cells by at most so much of a cell's extent.
+    pub fn of(cells: &[MovedCell], beyond: f32) -> Self {
+        let [mut low, mut high, mut extent] =
+            [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3], [0.0f32; 3]];
+        for [a, b, c, d] in cells {
+            for k in 0..3 {
+                let least = a[k].min(b[k]).min(c[k].min(d[k]));
+                let most = a[k].max(b[k]).max(c[k].max(d[k]));
+                low[k] = low[k].min(least);
+                high[k] = high[k].max(most);
+                extent[k] = extent[k].max(most - least);
+            }
+        }
+        let room = extent.map(|e| beyond * e + CRUMBS);
+        Self {
+            low: sub(low, room),
+            high: add(high, room),
+        }
     }
 }
 

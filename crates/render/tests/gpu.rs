@@ -382,3 +382,73 @@ fn skins_move_with_their_cells_and_stay_on_the_device() {
     let parts = |frame: &Frame| (1..=3).all(|id| frame.ids.contains(&id));
     assert!(parts(&seen[1]), "not all parts are seen");
 }
+
+/// The same solids as a skin of one cell, out of whose box the eye is: from there only what the crack reaches has lists.
+fn as_skin(case: &Case) -> (Skin, MovedCell) {
+    let scene = case.scene();
+    let points = || scene.meshes.iter().flat_map(|m| m.positions);
+    let end = |k: usize, of: fn(f32, f32) -> f32| points().map(|p| p[k]).reduce(of).unwrap();
+    let eye = case.camera.eye;
+    // A corner on the eye's side, and legs away from it.
+    let corner = [0, 1, 2].map(|k| match eye[k] > 0.0 {
+        true => end(k, f32::max),
+        false => end(k, f32::min),
+    });
+    let leg = [0, 1, 2].map(|k| {
+        3.0 * (end(k, f32::min) + end(k, f32::max) - 2.0 * corner[k]).signum()
+            * (end(k, f32::max) - end(k, f32::min))
+    });
+    assert!(
+        (0..3).any(|k| (eye[k] - corner[k]) * leg[k] < -1.0),
+        "{}: the eye is not outside",
+        case.name
+    );
+    let mut cell = [corner; 4];
+    (0..3).for_each(|k| cell[k + 1][k] += leg[k]);
+    let (mut anchors, mut rest, mut parts) = (Vec::new(), Vec::new(), Vec::new());
+    for mesh in &scene.meshes {
+        let first = rest.len() as u32;
+        for p in mesh.positions {
+            let [x, y, z] = [0, 1, 2].map(|k| (p[k] - corner[k]) / leg[k]);
+            anchors.push(Anchor {
+                cell: 0,
+                weights: [1.0 - x - y - z, x, y, z],
+                wear: None,
+            });
+            rest.push(*p);
+        }
+        let numbered = mesh.triangles.iter().map(|t| t.map(|v| v + first));
+        parts.push(Part {
+            kind: mesh.kind,
+            material: mesh.material,
+            is_smooth: false,
+            triangles: numbered.collect(),
+        });
+    }
+    (Skin::new(anchors, rest, parts), cell)
+}
+
+#[test]
+fn from_outside_only_the_crack_has_lists() {
+    let Some(mut gpu) = shared() else { return };
+    for case in [solids::sphere_minus_prism(), solids::bent_crack()] {
+        let (skin, cell) = as_skin(&case);
+        let scene = Scene {
+            skins: &[skin],
+            cells: &[cell],
+            meshes: vec![],
+            ..case.scene()
+        };
+        let options = case.options(false);
+        let frame = gpu.frame(&scene, &case.camera, &options).unwrap();
+        case.check(&frame);
+        is_twin(case.name, &frame, &render(&scene, &case.camera, &options));
+        assert!(gpu.frame(&scene, &case.camera, &options).unwrap() == frame);
+        let all = gpu.frame(&case.scene(), &case.camera, &options).unwrap();
+        assert!(
+            difference(&frame, &all) < 1e-4,
+            "{}: lists differ",
+            case.name
+        );
+    }
+}

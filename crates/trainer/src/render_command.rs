@@ -39,6 +39,7 @@ pub fn render(args: &RenderArgs) -> Result<(), Failure> {
     let mut stage = Stage::new(&prepared, &recording)
         .with_context(named)
         .map_err(Failure::Input)?;
+    stage.show_head(args.head);
     let work = match film {
         Some(film) => shoot(&mut stage, &mut renderer, args, film, seconds),
         None => picture(&mut stage, &mut renderer, args),

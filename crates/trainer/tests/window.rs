@@ -134,6 +134,7 @@ impl Stage {
             .env("DISPLAY", &self.display.name)
             .env("XDG_RUNTIME_DIR", self.folder.path())
             .env("LIBGL_ALWAYS_SOFTWARE", "1")
+            .env("OSTEOTOME_DATA", self.path("data"))
             .env("OSTEOTOME_CONFIG", self.path("config"));
         let output = command.output().unwrap();
         let told = String::from_utf8_lossy(&output.stderr);
@@ -315,6 +316,69 @@ fn keys_and_mouse_lead_the_chisels_and_what_they_meet_is_felt() {
     }
     let kept = std::fs::read_to_string(stage.path("config/window.toml")).unwrap();
     assert!(kept.contains("hands = [\"mouse\", \"mouse\"]"), "{kept}");
+}
+
+/// Look back at a session, go on from a moment of it, and find both in the trainee's history.
+#[test]
+fn a_session_is_looked_back_at_gone_on_from_and_remembered() {
+    let Some(stage) = Stage::open("profile = \"Ada\"\n") else {
+        return;
+    };
+    let mut add = osteotome();
+    add.args(["profiles", "add", "Ada"]);
+    let added = add.env("OSTEOTOME_DATA", stage.path("data")).output();
+    assert!(added.unwrap().status.success());
+    stage.rehearse(
+        "wait Ready
+         size 1500 980
+         wait to the canal
+         click Start
+         wait Running
+         rest 2
+         click End
+         wait Look at the bone
+         click Look back
+         wait Re-try from here
+         click Play
+         rest 1
+         click Halt
+         rest 3
+         shot back.png
+         click Re-try from here
+         wait Paused
+         click Go on
+         wait Running
+         rest 1
+         click End
+         wait Look at the bone
+         click Look at the bone
+         click History
+         wait History of Ada
+         rest 1
+         shot history.png
+         click Close
+         gone History of Ada
+         quit",
+    );
+    let read = |name: &str| {
+        let path = stage.path("sessions").join(name).join("session.mcap");
+        osteotome::session::Recording::read(&path).unwrap()
+    };
+    let [first, second] = ["0001-bsso-right-side", "0002-bsso-right-side"].map(read);
+    let origin = second.scenario.retried.unwrap();
+    let n = origin.steps as usize;
+    assert!(n > 0 && n < first.hands[0].len() && n < second.hands[0].len());
+    for i in 0..2 {
+        let begins = format!("{:?}", &second.hands[i][..n]);
+        assert_eq!(begins, format!("{:?}", &first.hands[i][..n]));
+    }
+    let mut show = osteotome();
+    show.args(["profiles", "show", "Ada"]);
+    let shown = show.env("OSTEOTOME_DATA", stage.path("data")).output();
+    let shown = String::from_utf8(shown.unwrap().stdout).unwrap();
+    for session in ["0001-bsso-right-side", "0002-bsso-right-side"] {
+        assert!(shown.contains(session), "{shown}");
+    }
 }
 
 /// The planner: techniques, the other side, a point dragged, and a scenario saved that the window goes over to.

@@ -4,7 +4,7 @@ use super::buffers::Growing;
 use super::device::{Device, Fault};
 use super::geometry::Geometry;
 use super::lists::{Bands, LINE, NODE, Room};
-use super::passes::{UNWRITTEN, bind, run, target};
+use super::passes::{Targets, UNWRITTEN, bind, bind_with, dispatch, run, target};
 use crate::frame::{Frame, Image, Options};
 use crate::project::{NEAR, Raster};
 use crate::scene::Kind;
@@ -22,6 +22,8 @@ pub struct Job<'a> {
     pub room: Room,
     /// Whether ids and depths are wanted besides the picture.
     pub is_hit_wanted: bool,
+    /// Whether only what the crack reaches has lists.
+    pub is_sparse: bool,
 }
 
 /// A band of the frame: its first row, and how many.
@@ -52,6 +54,7 @@ pub struct Buffers {
     pixels: Growing,
     readback: Growing,
     unwritten: Option<(wgpu::TextureView, [u32; 2])>,
+    targets: Option<Targets>,
 }
 
 impl Buffers {
@@ -69,6 +72,7 @@ impl Buffers {
             pixels: Growing::result("pixels"),
             readback: Growing::new("readback", Usage::MAP_READ | Usage::COPY_DST),
             unwritten: None,
+            targets: None,
         };
         buffers.taps.write(device, taps)?;
         Ok(buffers)
@@ -115,7 +119,15 @@ impl Buffers {
             );
             self.unwritten = Some((view, job.bands.size));
         }
+        if (self.targets.as_ref()).is_none_or(|t| t.size != job.bands.size) {
+            self.targets = Some(Targets::new(device, job.bands.size));
+        }
         Ok(())
+    }
+
+    /// A depth buffer's; made before.
+    pub fn targets(&self) -> &Targets {
+        (self.targets.as_ref()).expect("targets are made before they are drawn on")
     }
 }
 
@@ -170,7 +182,7 @@ impl Job<'_> {
                 self.room.spill(self.bands),
                 self.room.capacity(self.bands),
             ],
-            [geometry.n_anchored, 0, 0, 0],
+            [geometry.n_anchored, u32::from(self.is_sparse), 0, 0],
         ];
         std::array::from_fn(|k| rows[k / 4][k % 4])
     }
@@ -245,7 +257,7 @@ impl Gpu {
     /// Fills the lists of a band.
     pub fn append(&self, encoder: &mut CommandEncoder, job: &Job, band: Band) {
         let (b, g, append) = (&self.buffers, &self.geometry, &self.passes.append);
-        let [w, h] = job.bands.size;
+        let w = job.bands.size[0];
         encoder.clear_buffer(b.heads.get(), 0, Some(4 * u64::from(w * band.rows)));
         encoder.clear_buffer(b.counters.get(), 0, None);
         let buffers = [
@@ -274,16 +286,24 @@ impl Gpu {
             color_attachments: &[attachment],
             ..Default::default()
         });
+        let cuts = |kind| matches!(kind, Kind::Seam | Kind::Kerf | Kind::Gap);
+        // What lies within the bone is for transparent bones only.
+        let is_shown = |kind| kind != Kind::Within || job.options.is_transparent;
         pass.set_pipeline(append);
         pass.set_bind_group(0, &group, &[]);
-        pass.set_viewport(0.0, 0.0, w as f32, h as f32, 0.0, 1.0);
         pass.set_scissor_rect(0, band.start, w, band.rows);
-        for (kind, triangles) in &g.parts {
-            // What lies within the bone is for transparent bones only.
-            let is_shown = *kind != Kind::Within || job.options.is_transparent;
-            if is_shown && !triangles.is_empty() {
-                pass.draw(3 * triangles.start..3 * triangles.end, 0..1);
-            }
+        g.draw(&mut pass, |kind| {
+            is_shown(kind) && (!job.is_sparse || cuts(kind))
+        });
+        drop(pass);
+        if job.is_sparse {
+            let nearest = &self.passes.nearest;
+            let group = bind(&self.device, &nearest.get_bind_group_layout(0), &buffers);
+            let mut pass = b.targets().pass(encoder);
+            pass.set_pipeline(nearest);
+            pass.set_bind_group(0, &group, &[]);
+            pass.set_scissor_rect(0, band.start, w, band.rows);
+            g.draw(&mut pass, |kind| is_shown(kind) && !cuts(kind));
         }
     }
 
@@ -310,7 +330,11 @@ impl Gpu {
             run(&self.device, encoder, &self.passes.blend, &buffers, groups);
         } else {
             let buffers = [&[(0, b.uniforms.get()), (5, b.hits.get())][..], &lists].concat();
-            run(&self.device, encoder, &self.passes.first, &buffers, groups);
+            let first = &self.passes.first;
+            let layout = first.get_bind_group_layout(0);
+            let nearest = Some((9, &b.targets().nearest));
+            let group = bind_with(&self.device, &layout, &buffers, nearest);
+            dispatch(encoder, first, &group, groups);
         }
         encoder.copy_buffer_to_buffer(b.counters.get(), 0, b.readback.get(), 4 * k as u64, 4);
     }

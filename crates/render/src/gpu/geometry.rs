@@ -1,8 +1,10 @@
 //! A scene's triangles in the device's buffers: skins first, which stay there from frame to frame, then the other meshes.
 use super::buffers::Growing;
 use super::device::{Device, Fault};
+use crate::project::NEAR;
 use crate::scene::{Kind, Material, Mesh, Scene, Texture};
-use crate::skin::{Anchor, Skin};
+use crate::skin::{Anchor, Bounds, Skin};
+use crate::vector::V3;
 use std::ops::Range;
 
 /// Numbers of triangles have 28 bits.
@@ -29,6 +31,8 @@ pub struct Geometry {
     pub parts: Vec<(Kind, Range<u32>)>,
     /// The skins that are there.
     skins: Vec<u64>,
+    /// Where all bone surely is, if it is closed.
+    bone: Option<Bounds>,
 }
 
 /// How much there is of everything.
@@ -82,6 +86,7 @@ impl Geometry {
             n_anchored: 0,
             parts: Vec::new(),
             skins: Vec::new(),
+            bone: None,
         }
     }
 
@@ -109,6 +114,7 @@ impl Geometry {
         self.cells.write(device, scene.cells)?;
         self.parts.truncate(of_skins.meshes);
         self.upload_meshes(device, &scene.meshes, of_skins);
+        self.bone = bounds_of_bone(scene);
         (self.n_vertices, self.n_anchored) = (all.vertices as u32, of_skins.vertices as u32);
         Ok(())
     }
@@ -174,6 +180,22 @@ impl Geometry {
         lists.write(self, device);
     }
 
+    /// Whether an eye is surely outside of a bone that is surely closed.
+    pub fn is_outside(&self, eye: V3) -> bool {
+        let near =
+            |b: &Bounds| (0..3).all(|k| eye[k] > b.low[k] - NEAR && eye[k] < b.high[k] + NEAR);
+        self.bone.as_ref().is_some_and(|b| !near(b))
+    }
+
+    /// Draws the meshes of some kinds.
+    pub fn draw(&self, pass: &mut wgpu::RenderPass, is_drawn: impl Fn(Kind) -> bool) {
+        for (kind, triangles) in &self.parts {
+            if is_drawn(*kind) && !triangles.is_empty() {
+                pass.draw(3 * triangles.start..3 * triangles.end, 0..1);
+            }
+        }
+    }
+
     /// The mesh of a triangle.
     pub fn mesh_of(&self, triangle: u32) -> u32 {
         self.parts.partition_point(|(_, of)| of.end <= triangle) as u32
@@ -199,6 +221,15 @@ impl Lists {
             .write_from(device, from.triangles, &self.triangles);
         to.meshes.write_from(device, from.meshes, &self.meshes);
     }
+}
+
+/// `None` if some of the bone is open, or not a skin: then nobody has looked whether it is closed.
+fn bounds_of_bone(scene: &Scene) -> Option<Bounds> {
+    let is_bone = |kind| matches!(kind, Kind::Bone | Kind::Seam);
+    let closed = scene.skins.iter().all(crate::skin::Skin::is_closed);
+    let is_known = closed && !scene.meshes.iter().any(|m| is_bone(m.kind));
+    let beyond = scene.skins.iter().map(Skin::beyond).fold(0.0, f32::max);
+    is_known.then(|| Bounds::of(scene.cells, beyond))
 }
 
 /// As in frame.wgsl.

@@ -156,6 +156,7 @@ impl Gpu {
             bands: same.unwrap_or_else(|| Bands::whole(size)),
             room: self.room,
             is_hit_wanted,
+            is_sparse: !options.is_transparent && self.geometry.is_outside(raster.camera.eye),
         }
     }
 }

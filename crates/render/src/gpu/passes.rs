@@ -21,6 +21,8 @@ pub struct Passes {
     pub normals: ComputePipeline,
     pub project: ComputePipeline,
     pub append: RenderPipeline,
+    /// What goes into lists that have begun, else to the nearest.
+    pub nearest: RenderPipeline,
     /// Opaque frames: what is seen first, and its light.
     pub first: ComputePipeline,
     pub light: ComputePipeline,
@@ -31,6 +33,52 @@ pub struct Passes {
 
 /// A pass without any attachment is refused: this one is never written.
 pub const UNWRITTEN: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
+/// Number and facing of the nearest triangle, and its depth's bits.
+const NEAREST: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
+/// Near plane over distance.
+const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+
+/// Where a depth buffer draws.
+pub struct Targets {
+    pub nearest: wgpu::TextureView,
+    depth: wgpu::TextureView,
+    pub size: [u32; 2],
+}
+
+impl Targets {
+    pub fn new(device: &Device, size: [u32; 2]) -> Self {
+        let usage = wgpu::TextureUsages::TEXTURE_BINDING;
+        Self {
+            nearest: target(device, NEAREST, size, usage),
+            depth: target(device, DEPTH, size, wgpu::TextureUsages::empty()),
+            size,
+        }
+    }
+
+    /// A pass on them, cleared.
+    pub fn pass<'a>(&self, encoder: &'a mut wgpu::CommandEncoder) -> wgpu::RenderPass<'a> {
+        encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: &self.nearest,
+                depth_slice: None,
+                resolve_target: None,
+                ops: wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                    store: wgpu::StoreOp::Store,
+                },
+            })],
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: &self.depth,
+                depth_ops: Some(wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(0.0),
+                    store: wgpu::StoreOp::Discard,
+                }),
+                stencil_ops: None,
+            }),
+            ..Default::default()
+        })
+    }
+}
 
 impl Passes {
     pub fn new(device: &Device) -> Self {
@@ -40,6 +88,7 @@ impl Passes {
             normals: compute("normals", &[FRAME, DEFORM]),
             project: compute("project", &[FRAME, PROJECT]),
             append: append(device, &module(device, &[FRAME, APPEND])),
+            nearest: nearest(device, &module(device, &[FRAME, APPEND]), "nearest"),
             first: compute("first", &[FRAME, WALK, FIRST]),
             light: compute("light", &[FRAME, SURFACE, PIXEL, LIGHT]),
             blend: compute("blend", &[FRAME, SURFACE, WALK, BLEND]),
@@ -76,13 +125,31 @@ fn append(device: &Device, module: &ShaderModule) -> RenderPipeline {
         blend: None,
         write_mask: wgpu::ColorWrites::empty(),
     };
-    raster(device, module, target, None)
+    raster(device, module, "every", target, None)
+}
+
+/// Draws triangles into [`NEAREST`], the nearest of each sample.
+pub fn nearest(device: &Device, module: &ShaderModule, entry: &str) -> RenderPipeline {
+    let target = wgpu::ColorTargetState {
+        format: NEAREST,
+        blend: None,
+        write_mask: wgpu::ColorWrites::ALL,
+    };
+    let depth = wgpu::DepthStencilState {
+        format: DEPTH,
+        depth_write_enabled: Some(true),
+        depth_compare: Some(wgpu::CompareFunction::Greater),
+        stencil: Default::default(),
+        bias: Default::default(),
+    };
+    raster(device, module, entry, target, Some(depth))
 }
 
 /// Draws triangles, both faces.
-pub fn raster(
+fn raster(
     device: &Device,
     module: &ShaderModule,
+    entry: &str,
     target: wgpu::ColorTargetState,
     depth_stencil: Option<wgpu::DepthStencilState>,
 ) -> RenderPipeline {
@@ -102,7 +169,7 @@ pub fn raster(
             multisample: Default::default(),
             fragment: Some(wgpu::FragmentState {
                 module,
-                entry_point: Some("fragment"),
+                entry_point: Some(entry),
                 compilation_options: Default::default(),
                 targets: &[Some(target)],
             }),
@@ -141,13 +208,27 @@ pub fn bind(
     layout: &wgpu::BindGroupLayout,
     buffers: &[(u32, &Buffer)],
 ) -> BindGroup {
-    let entries: Vec<_> = buffers
+    bind_with(device, layout, buffers, None)
+}
+
+/// The same and a texture.
+pub fn bind_with(
+    device: &Device,
+    layout: &wgpu::BindGroupLayout,
+    buffers: &[(u32, &Buffer)],
+    texture: Option<(u32, &wgpu::TextureView)>,
+) -> BindGroup {
+    let buffers = buffers
         .iter()
         .map(|(binding, buffer)| wgpu::BindGroupEntry {
             binding: *binding,
             resource: buffer.as_entire_binding(),
-        })
-        .collect();
+        });
+    let texture = texture.map(|(binding, view)| wgpu::BindGroupEntry {
+        binding,
+        resource: wgpu::BindingResource::TextureView(view),
+    });
+    let entries: Vec<_> = buffers.chain(texture).collect();
     device.device.create_bind_group(&wgpu::BindGroupDescriptor {
         label: None,
         layout,
@@ -161,11 +242,21 @@ pub fn run(
     encoder: &mut wgpu::CommandEncoder,
     pipeline: &ComputePipeline,
     buffers: &[(u32, &Buffer)],
-    [across, down]: [u32; 2],
+    groups: [u32; 2],
 ) {
     let group = bind(device, &pipeline.get_bind_group_layout(0), buffers);
+    dispatch(encoder, pipeline, &group, groups);
+}
+
+/// The same with what has been bound.
+pub fn dispatch(
+    encoder: &mut wgpu::CommandEncoder,
+    pipeline: &ComputePipeline,
+    group: &BindGroup,
+    [across, down]: [u32; 2],
+) {
     let mut pass = encoder.begin_compute_pass(&Default::default());
     pass.set_pipeline(pipeline);
-    pass.set_bind_group(0, &group, &[]);
+    pass.set_bind_group(0, group, &[]);
     pass.dispatch_workgroups(across, down, 1);
 }

@@ -2,18 +2,14 @@
 use super::Gpu;
 use super::device::{Device, Fault};
 use super::draw::Job;
-use super::passes::{FRAME, bind, compute, module, raster, target};
+use super::passes::{FRAME, bind, bind_with, compute, dispatch, module, nearest};
 use crate::frame::{Image, Options};
 use crate::scene::{Camera, Scene};
 use std::time::Instant;
-use wgpu::{CommandEncoder, TextureFormat, TextureUsages};
+use wgpu::CommandEncoder;
 
 const PLAIN: &str = include_str!("shaders/plain.wgsl");
 const GATHER: &str = include_str!("shaders/gather.wgsl");
-
-/// Number and facing of the nearest triangle, and its depth's bits.
-const NEAREST: TextureFormat = TextureFormat::Rg32Uint;
-const DEPTH: TextureFormat = TextureFormat::Depth32Float;
 
 /// What is timed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,11 +27,10 @@ pub enum Work {
     PlainFrame,
 }
 
-/// A z-buffer's pipelines and targets.
+/// A z-buffer's pipelines.
 pub struct Yardstick {
     raster: wgpu::RenderPipeline,
     gather: wgpu::ComputePipeline,
-    targets: Option<([wgpu::TextureView; 2], [u32; 2])>,
 }
 
 impl Gpu {
@@ -50,7 +45,7 @@ impl Gpu {
     /// If it does not fit the device, or the driver fails.
     pub fn timed(
         &mut self,
-        yardstick: &mut Yardstick,
+        yardstick: &Yardstick,
         work: Work,
         scene: &Scene,
         camera: &Camera,
@@ -84,7 +79,7 @@ impl Gpu {
             self.append(&mut encoder, &job, band);
             self.resolve(&mut encoder, &job, band, 0);
         } else {
-            yardstick.draw(self, &mut encoder, &job);
+            yardstick.draw(self, &mut encoder);
         }
         let mut image = None;
         if work == Work::PlainFrame {
@@ -106,96 +101,35 @@ fn ms(start: Instant) -> f64 {
 
 impl Yardstick {
     fn new(device: &Device) -> Self {
-        let nearest = wgpu::ColorTargetState {
-            format: NEAREST,
-            blend: None,
-            write_mask: wgpu::ColorWrites::ALL,
-        };
-        let depth = wgpu::DepthStencilState {
-            format: DEPTH,
-            depth_write_enabled: Some(true),
-            depth_compare: Some(wgpu::CompareFunction::Less),
-            stencil: Default::default(),
-            bias: Default::default(),
-        };
         Self {
-            raster: raster(
-                device,
-                &module(device, &[FRAME, PLAIN]),
-                nearest,
-                Some(depth),
-            ),
+            raster: nearest(device, &module(device, &[FRAME, PLAIN]), "fragment"),
             gather: compute(device, &module(device, &[FRAME, GATHER]), "gather"),
-            targets: None,
         }
     }
 
-    fn draw(&mut self, gpu: &Gpu, encoder: &mut CommandEncoder, job: &Job) {
+    fn draw(&self, gpu: &Gpu, encoder: &mut CommandEncoder) {
         let (b, g) = (&gpu.buffers, &gpu.geometry);
-        let size = job.bands.size;
-        if self.targets.as_ref().is_none_or(|t| t.1 != size) {
-            let make = |format, usage| target(&gpu.device, format, size, usage);
-            let targets = [
-                make(NEAREST, TextureUsages::TEXTURE_BINDING),
-                make(DEPTH, TextureUsages::empty()),
-            ];
-            self.targets = Some((targets, size));
-        }
-        let Some(([nearest, depth], _)) = &self.targets else {
-            return;
-        };
         let buffers = [(1, b.clip.get()), (2, g.triangles.get())];
         let layout = self.raster.get_bind_group_layout(0);
         let group = bind(&gpu.device, &layout, &buffers);
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                view: nearest,
-                depth_slice: None,
-                resolve_target: None,
-                ops: wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
-                    store: wgpu::StoreOp::Store,
-                },
-            })],
-            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                view: depth,
-                depth_ops: Some(wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(1.0),
-                    store: wgpu::StoreOp::Discard,
-                }),
-                stencil_ops: None,
-            }),
-            ..Default::default()
-        });
+        let mut pass = b.targets().pass(encoder);
         pass.set_pipeline(&self.raster);
         pass.set_bind_group(0, &group, &[]);
-        for (_, triangles) in &g.parts {
-            pass.draw(3 * triangles.start..3 * triangles.end, 0..1);
-        }
+        g.draw(&mut pass, |_| true);
     }
 
     fn gather(&self, gpu: &Gpu, encoder: &mut CommandEncoder, job: &Job) {
-        let Some(([nearest, _], _)) = &self.targets else {
-            return;
-        };
-        let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
-        let entries = [
-            entry(0, gpu.buffers.uniforms.get().as_entire_binding()),
-            entry(5, gpu.buffers.hits.get().as_entire_binding()),
-            entry(7, wgpu::BindingResource::TextureView(nearest)),
-        ];
-        let group = gpu
-            .device
-            .device
-            .create_bind_group(&wgpu::BindGroupDescriptor {
-                label: None,
-                layout: &self.gather.get_bind_group_layout(0),
-                entries: &entries,
-            });
-        let mut pass = encoder.begin_compute_pass(&Default::default());
-        pass.set_pipeline(&self.gather);
-        pass.set_bind_group(0, &group, &[]);
+        let b = &gpu.buffers;
+        let buffers = [(0, b.uniforms.get()), (5, b.hits.get())];
+        let layout = self.gather.get_bind_group_layout(0);
+        let texture = Some((7, &b.targets().nearest));
+        let group = bind_with(&gpu.device, &layout, &buffers, texture);
         let [w, h] = job.bands.size;
-        pass.dispatch_workgroups(w.div_ceil(8), h.div_ceil(8), 1);
+        dispatch(
+            encoder,
+            &self.gather,
+            &group,
+            [w.div_ceil(8), h.div_ceil(8)],
+        );
     }
 }

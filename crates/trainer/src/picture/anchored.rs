@@ -1,8 +1,9 @@
 //! Vertices that move with the bone's cells: the paper's geometric mapping (section 4.1) for what is drawn.
-use osteotome_mechanics::crack::{Cell, CrackedBody, Sheet, cut_area};
+use osteotome_mechanics::crack::{Cell, CrackedBody, STANDARD, Sheet, cut_area};
 use osteotome_mechanics::geometry::{TriMesh, Vec3};
 use osteotome_render::skin::{self as render, MovedCell, Part, Skin as Drawn, Wear};
 use std::collections::HashMap;
+use std::sync::Arc;
 
 /// A point's place in the bone: its cell (tetrahedron and side) and the shape functions there.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,7 +15,7 @@ pub struct Anchor {
 }
 
 /// A triangle mesh that moves with the bone.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Skin {
     /// Of each vertex.
     pub anchors: Vec<Anchor>,
@@ -49,12 +50,6 @@ impl Skin {
     }
 }
 
-/// Moved cells for the renderer.
-pub fn drawn_cells(moved: &[[Vec3; 4]]) -> Vec<MovedCell> {
-    let one = |nodes: &[Vec3; 4]| nodes.map(|p| p.cast::<f32>().into());
-    moved.iter().map(one).collect()
-}
-
 /// Deformed positions of each cell's virtual nodes: D_T of the paper's equation 7.
 pub fn moved_cells(body: &CrackedBody, x: &[f64]) -> Vec<[Vec3; 4]> {
     let mesh = &body.solid.mesh;
@@ -62,6 +57,23 @@ pub fn moved_cells(body: &CrackedBody, x: &[f64]) -> Vec<[Vec3; 4]> {
         let u = body.system.cell_displacements(mesh, cell, x);
         let at = mesh.corners(cell.tet as usize);
         [0, 1, 2, 3].map(|k| at[k] + u[k])
+    };
+    body.topology.cells().iter().map(one).collect()
+}
+
+/// The same for the renderer, as it is done for every frame.
+pub fn drawn_cells(body: &CrackedBody, x: &[f64]) -> Arc<[MovedCell]> {
+    let mesh = &body.solid.mesh;
+    let single = |p: Vec3| -> [f32; 3] { p.cast::<f32>().into() };
+    let of_node = |(i, p): (usize, &Vec3)| single(p + body.system.displacement(i, x));
+    let moved: Vec<[f32; 3]> = mesh.nodes().iter().enumerate().map(of_node).collect();
+    let one = |cell: &Cell| {
+        let nodes = mesh.tets()[cell.tet as usize];
+        if cell.enrichment == [STANDARD; 4] {
+            return nodes.map(|n| moved[n as usize]);
+        }
+        let u = body.system.cell_displacements(mesh, cell, x);
+        [0, 1, 2, 3].map(|k| single(mesh.nodes()[nodes[k] as usize] + u[k]))
     };
     body.topology.cells().iter().map(one).collect()
 }

@@ -4,14 +4,14 @@
 //! continued to the line of the crack. The parts are cut off here, along lines that only depend on the mesh edge, so that
 //! neighbours fit; seams between the two lips keep the surface closed for the winding counts. Only triangles at the crack are
 //! touched, only when it grows, and neither simulation mesh nor shell knows of it.
-use super::anchored::{Anchor, Skin, are_joined, tet_at};
+use super::anchored::{Anchor, Skin, are_joined, piece_of, tet_at};
 use super::crack_skin::GapSkin;
-use osteotome_mechanics::crack::CrackedBody;
-use osteotome_mechanics::geometry::{TriMesh, Vec3, segment_crosses};
+use osteotome_mechanics::crack::{Cell, CrackedBody};
+use osteotome_mechanics::geometry::{Aabb, TriMesh, Vec3, segment_crosses};
 use std::collections::HashMap;
 
 /// The surface with its slits.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct BoneSkin {
     /// What is shown.
     pub skin: Skin,
@@ -19,18 +19,33 @@ pub struct BoneSkin {
     pub seams: Vec<[u32; 3]>,
 }
 
-/// Where the corners of a surface lie in the simulation mesh; stays while the crack grows.
+/// Where the corners of a surface lie in the simulation mesh, and its edges; stays while the crack grows.
 #[derive(Clone, Debug)]
 pub struct Places {
     tets: Vec<(u32, [f64; 4])>,
+    /// Lower vertex first.
+    edges: Vec<[u32; 2]>,
+    /// Of each triangle, that from each corner to the next.
+    edges_of: Vec<[u32; 3]>,
 }
 
 impl Places {
     /// Finds them.
     pub fn new(body: &CrackedBody, surface: &TriMesh) -> Self {
         let tets = surface.vertices.iter().map(|p| tet_at(body, p));
+        let (mut edges, mut number) = (Vec::new(), HashMap::new());
+        let mut edge = |a: u32, b: u32| {
+            *number.entry([a.min(b), a.max(b)]).or_insert_with_key(|e| {
+                edges.push(*e);
+                edges.len() as u32 - 1
+            })
+        };
+        let mut of = |t: &[u32; 3]| [0, 1, 2].map(|k| edge(t[k], t[(k + 1) % 3]));
+        let edges_of = surface.triangles.iter().map(&mut of).collect();
         Self {
             tets: tets.collect(),
+            edges,
+            edges_of,
         }
     }
 }
@@ -39,56 +54,155 @@ impl Places {
 const LOOKS: usize = 8;
 const HALVINGS: usize = 14;
 
+/// A cell by its tetrahedron and its number among the cells there: keeps its name while others are divided.
+type Name = (u32, u32);
+
+/// What was found at an edge near the crack.
+#[derive(Clone, Debug)]
+struct Look {
+    /// The tetrahedra that were looked at.
+    tets: Vec<u32>,
+    /// Where it is slit, and the cells of both lips, the lower vertex's first.
+    slit: Option<(Vec3, [Name; 2])>,
+}
+
+/// What was found when the surface was last slit. Only what a growth has touched is looked for again.
+#[derive(Debug, Default)]
+pub struct Slits {
+    /// The cells, and for each the fragment, that it was found with.
+    cells: Vec<(Cell, u32)>,
+    parting: HashMap<u32, Vec<[Vec3; 3]>>,
+    corners: Vec<Name>,
+    looks: HashMap<u32, Look>,
+}
+
+impl Slits {
+    /// The surface of a cracked body, slit along the parting surface of `gap`.
+    ///
+    /// Equal to what a new [`Slits`] would give, whatever was slit before, as long as body and surface are the same.
+    pub fn skin(
+        &mut self,
+        body: &CrackedBody,
+        surface: &TriMesh,
+        places: &Places,
+        gap: &GapSkin,
+    ) -> BoneSkin {
+        let cells = body.topology.cells();
+        let cells: Vec<_> = (0u32..)
+            .zip(cells)
+            .map(|(c, cell)| (*cell, piece_of(body, c)))
+            .collect();
+        let touched = self.touched(body, &cells, gap);
+        let mut slitter = Slitter {
+            body,
+            sides: Sides::new(body, gap),
+            surface,
+            out: BoneSkin::default(),
+            lips: vec![None; places.edges.len()],
+            looked: Vec::new(),
+        };
+        let is_new = self.corners.is_empty();
+        let corner = |(v, (tet, weights)): (usize, &(u32, [f64; 4]))| {
+            if is_new || touched[*tet as usize] {
+                let cell = slitter.sides.cell_at(&surface.vertices[v], *tet, weights);
+                name_of(body, cell)
+            } else {
+                self.corners[v]
+            }
+        };
+        self.corners = places.tets.iter().enumerate().map(corner).collect();
+        for ((p, (_, weights)), name) in
+            surface.vertices.iter().zip(&places.tets).zip(&self.corners)
+        {
+            let weights = *weights;
+            let cell = cell_of(body, *name);
+            slitter.out.skin.push(Anchor { cell, weights }, p);
+        }
+        self.looks
+            .retain(|_, look| !look.tets.iter().any(|t| touched[*t as usize]));
+        let near = near_crack(body);
+        let is_near = |v: &u32| near[self.corners[*v as usize].0 as usize];
+        for (e, edge) in (0u32..).zip(&places.edges) {
+            if edge.iter().any(is_near) {
+                let look = self.looks.entry(e).or_insert_with(|| slitter.look(*edge));
+                slitter.lips[e as usize] = look.slit.map(|slit| slitter.slit(slit));
+            }
+        }
+        for (t, edges) in surface.triangles.iter().zip(&places.edges_of) {
+            slitter.triangle(*t, *edges);
+        }
+        (self.cells, self.parting) = (cells, gap.parting.clone());
+        slitter.out
+    }
+
+    /// For each tetrahedron, whether its cells, their fragments, or the parting surface around it are others than last time.
+    fn touched(&self, body: &CrackedBody, cells: &[(Cell, u32)], gap: &GapSkin) -> Vec<bool> {
+        let tets = body.solid.mesh.tets();
+        let mut near = vec![false; body.solid.mesh.nodes().len()];
+        let parting = self.parting.keys().chain(gap.parting.keys());
+        for t in parting.filter(|t| self.parting.get(t) != gap.parting.get(t)) {
+            tets[*t as usize]
+                .iter()
+                .for_each(|n| near[*n as usize] = true);
+        }
+        let mut touched: Vec<bool> = tets
+            .iter()
+            .map(|t| t.iter().any(|n| near[*n as usize]))
+            .collect();
+        let is_one = |a: &(Cell, u32), b: &(Cell, u32)| a.0.tet == b.0.tet;
+        let both = self.cells.chunk_by(is_one).zip(cells.chunk_by(is_one));
+        for (old, new) in both {
+            touched[new[0].0.tet as usize] |= old != new;
+        }
+        touched
+    }
+}
+
+/// For each tetrahedron, whether it shares a node with a divided one: an edge that stays away from them is whole.
+fn near_crack(body: &CrackedBody) -> Vec<bool> {
+    let mesh = &body.solid.mesh;
+    let mut near = vec![false; mesh.nodes().len()];
+    for (t, nodes) in (0u32..).zip(mesh.tets()) {
+        if body.topology.is_divided(t) {
+            nodes.iter().for_each(|n| near[*n as usize] = true);
+        }
+    }
+    let is_near = |nodes: &[u32; 4]| nodes.iter().any(|n| near[*n as usize]);
+    mesh.tets().iter().map(is_near).collect()
+}
+
+fn name_of(body: &CrackedBody, cell: u32) -> Name {
+    let tet = body.topology.cells()[cell as usize].tet;
+    (tet, cell - body.topology.cells_of(tet).start as u32)
+}
+
+fn cell_of(body: &CrackedBody, (tet, number): Name) -> u32 {
+    body.topology.cells_of(tet).start as u32 + number
+}
+
 struct Slitter<'a> {
     body: &'a CrackedBody,
     sides: Sides<'a>,
     surface: &'a TriMesh,
     out: BoneSkin,
-    /// For each edge, lower vertex first: the two lips, the lower vertex's first; none where the edge is whole.
-    lips: HashMap<[u32; 2], Option<[u32; 2]>>,
-    /// Nodes of divided tetrahedra: an edge that stays away from them is whole.
-    near_crack: Vec<bool>,
-}
-
-/// The surface of a cracked body, slit along the parting surface of `gap`.
-pub fn bone_skin(
-    body: &CrackedBody,
-    surface: &TriMesh,
-    places: &Places,
-    gap: &GapSkin,
-) -> BoneSkin {
-    let mesh = &body.solid.mesh;
-    let mut near_crack = vec![false; mesh.nodes().len()];
-    for cell in body.topology.cells() {
-        if body.topology.is_divided(cell.tet) {
-            let nodes = mesh.tets()[cell.tet as usize];
-            nodes.iter().for_each(|n| near_crack[*n as usize] = true);
-        }
-    }
-    let mut slitter = Slitter {
-        body,
-        sides: Sides::new(body, gap),
-        surface,
-        out: BoneSkin::default(),
-        lips: HashMap::new(),
-        near_crack,
-    };
-    for (p, (tet, weights)) in surface.vertices.iter().zip(&places.tets) {
-        let anchor = Anchor {
-            cell: slitter.sides.cell_at(p, *tet, weights),
-            weights: *weights,
-        };
-        slitter.out.skin.push(anchor, p);
-    }
-    for t in &surface.triangles {
-        slitter.triangle(*t);
-    }
-    slitter.out
+    /// For each edge the two lips, the lower vertex's first; none where the edge is whole.
+    lips: Vec<Option<[u32; 2]>>,
+    /// The tetrahedra looked at on an edge.
+    looked: Vec<u32>,
 }
 
 impl Slitter<'_> {
-    fn triangle(&mut self, t: [u32; 3]) {
-        let lips = [0, 1, 2].map(|k| self.lips(t[k], t[(k + 1) % 3]));
+    fn triangle(&mut self, t: [u32; 3], edges: [u32; 3]) {
+        let lips = [0, 1, 2].map(|k| {
+            let lips = self.lips[edges[k] as usize];
+            lips.map(|[low, high]| {
+                if t[k] < t[(k + 1) % 3] {
+                    [low, high]
+                } else {
+                    [high, low]
+                }
+            })
+        });
         let skin = &mut self.out.skin;
         match lips.iter().filter(|l| l.is_some()).count() {
             0 => skin.triangles.push(t),
@@ -142,32 +256,29 @@ impl Slitter<'_> {
         self.out.seams.push(centre);
     }
 
-    /// The lips of a slit edge, that of `a` first.
-    fn lips(&mut self, a: u32, b: u32) -> Option<[u32; 2]> {
-        let key = [a.min(b), a.max(b)];
-        let lips = match self.lips.get(&key) {
-            Some(known) => *known,
-            None => {
-                let found = self.slit(key);
-                self.lips.insert(key, found);
-                found
-            }
-        };
-        lips.map(|[low, high]| if a < b { [low, high] } else { [high, low] })
+    /// Looks for the crack along an edge.
+    fn look(&mut self, [a, b]: [u32; 2]) -> Look {
+        self.looked.clear();
+        let slit = self.parts([a, b]);
+        let mut tets = std::mem::take(&mut self.looked);
+        tets.sort_unstable();
+        tets.dedup();
+        Look { tets, slit }
     }
 
-    fn slit(&mut self, [a, b]: [u32; 2]) -> Option<[u32; 2]> {
-        let [ca, cb] = [a, b].map(|v| self.out.skin.anchors[v as usize].cell);
-        if ![ca, cb].iter().any(|c| self.is_near_crack(*c)) {
-            return None;
-        }
+    /// Where an edge is parted, and the cells of both lips.
+    fn parts(&mut self, [a, b]: [u32; 2]) -> Option<(Vec3, [Name; 2])> {
+        let body = self.body;
+        let ends = [a, b].map(|v| self.out.skin.anchors[v as usize].cell);
+        let looked = ends.map(|c| name_of(body, c).0);
+        self.looked.extend(looked);
         let [pa, pb] = [a, b].map(|v| self.surface.vertices[v as usize]);
         let at = |s: f64| pa + (pb - pa) * s;
         let share = |k: usize| k as f64 / LOOKS as f64;
-        let mut cells = vec![ca];
+        let mut cells = vec![ends[0]];
         cells.extend((1..LOOKS).map(|k| self.cell_at(&at(share(k)))));
-        cells.push(cb);
-        let parts = |k: &usize| !are_joined(self.body, cells[*k], cells[k + 1]);
+        cells.push(ends[1]);
+        let parts = |k: &usize| !are_joined(body, cells[*k], cells[k + 1]);
         let first = (0..LOOKS).find(parts)?;
         let last = (0..LOOKS).rfind(parts)?;
         // Of a third piece in between nothing is shown.
@@ -175,27 +286,27 @@ impl Slitter<'_> {
         for _ in 0..HALVINGS {
             let s = 0.5 * (low.0 + high);
             let cell = self.cell_at(&at(s));
-            if are_joined(self.body, low.1, cell) {
+            if are_joined(body, low.1, cell) {
                 low = (s, cell);
             } else {
                 high = s;
             }
         }
-        let p = at(0.5 * (low.0 + high));
-        Some([low.1, cells[last + 1]].map(|cell| {
-            let anchor = self.anchor_in(cell, &p);
+        let lips = [low.1, cells[last + 1]].map(|c| name_of(body, c));
+        Some((at(0.5 * (low.0 + high)), lips))
+    }
+
+    /// The lips' vertices.
+    fn slit(&mut self, (p, cells): (Vec3, [Name; 2])) -> [u32; 2] {
+        cells.map(|name| {
+            let anchor = self.anchor_in(cell_of(self.body, name), &p);
             self.out.skin.push(anchor, &p)
-        }))
+        })
     }
 
-    fn is_near_crack(&self, cell: u32) -> bool {
-        let tet = self.body.topology.cells()[cell as usize].tet;
-        let nodes = self.body.solid.mesh.tets()[tet as usize];
-        nodes.iter().any(|n| self.near_crack[*n as usize])
-    }
-
-    fn cell_at(&self, p: &Vec3) -> u32 {
+    fn cell_at(&mut self, p: &Vec3) -> u32 {
         let (tet, weights) = tet_at(self.body, p);
+        self.looked.push(tet);
         self.sides.cell_at(p, tet, &weights)
     }
 
@@ -214,46 +325,56 @@ impl Slitter<'_> {
 /// that lips and walls fit also where three pieces meet.
 struct Sides<'a> {
     body: &'a CrackedBody,
-    /// For each divided tetrahedron the parting surface in it and around it.
-    around: HashMap<u32, Vec<[Vec3; 3]>>,
+    gap: &'a GapSkin,
+    /// For each divided tetrahedron that was asked for, the parting surface in it and around it.
+    around: HashMap<u32, Vec<Facet>>,
+}
+
+/// A triangle of the parting surface in its box.
+struct Facet {
+    corners: [Vec3; 3],
+    bounds: Aabb,
+}
+
+impl Facet {
+    fn new(corners: &[Vec3; 3]) -> Self {
+        // Crossings are found a little beyond the border.
+        const ROOM: f64 = 1e-6;
+        Self {
+            corners: *corners,
+            bounds: Aabb::around(corners).grown(ROOM),
+        }
+    }
+
+    fn parts(&self, p: &Vec3, q: &Vec3, way: &Aabb) -> bool {
+        self.bounds.overlaps(way) && segment_crosses(p, q, &self.corners).is_some()
+    }
 }
 
 impl<'a> Sides<'a> {
-    fn new(body: &'a CrackedBody, gap: &GapSkin) -> Self {
-        let mesh = &body.solid.mesh;
-        let around = gap.parting.keys().map(|&t| {
-            let nodes = mesh.tets()[t as usize];
-            let mut near: Vec<u32> = nodes
-                .iter()
-                .flat_map(|n| mesh.tets_of_node(*n as usize))
-                .copied()
-                .collect();
-            near.sort_unstable();
-            near.dedup();
-            let triangles = near
-                .iter()
-                .filter_map(|t| gap.parting.get(t))
-                .flatten()
-                .copied();
-            (t, triangles.collect())
-        });
+    fn new(body: &'a CrackedBody, gap: &'a GapSkin) -> Self {
         Self {
-            around: around.collect(),
             body,
+            gap,
+            around: HashMap::new(),
         }
     }
 
     /// The cell of a point of a tetrahedron: that of a node that can be reached from it without crossing the surface.
-    fn cell_at(&self, p: &Vec3, tet: u32, weights: &[f64; 4]) -> u32 {
-        let topology = &self.body.topology;
-        let Some(surface) = self.around.get(&tet) else {
+    fn cell_at(&mut self, p: &Vec3, tet: u32, weights: &[f64; 4]) -> u32 {
+        let (body, gap) = (self.body, self.gap);
+        let topology = &body.topology;
+        if !gap.parting.contains_key(&tet) {
             return topology.cell_at(tet, weights);
-        };
-        let corners = self.body.solid.mesh.corners(tet as usize);
+        }
+        let surface = self
+            .around
+            .entry(tet)
+            .or_insert_with(|| around(body, gap, tet));
+        let corners = body.solid.mesh.corners(tet as usize);
         let is_free = |k: &usize| {
-            !surface
-                .iter()
-                .any(|t| segment_crosses(p, &corners[*k], t).is_some())
+            let way = Aabb::around(&[*p, corners[*k]]);
+            !surface.iter().any(|f| f.parts(p, &corners[*k], &way))
         };
         let holds = |k: usize| {
             topology
@@ -263,4 +384,16 @@ impl<'a> Sides<'a> {
         let reached = (0..4).find(is_free).and_then(holds);
         reached.map_or_else(|| topology.cell_at(tet, weights), |c| c as u32)
     }
+}
+
+/// The parting surface in a tetrahedron and in those that touch it.
+fn around(body: &CrackedBody, gap: &GapSkin, tet: u32) -> Vec<Facet> {
+    let mesh = &body.solid.mesh;
+    let nodes = mesh.tets()[tet as usize];
+    let stars = nodes.iter().flat_map(|n| mesh.tets_of_node(*n as usize));
+    let mut near: Vec<u32> = stars.copied().collect();
+    near.sort_unstable();
+    near.dedup();
+    let parting = near.iter().filter_map(|t| gap.parting.get(t));
+    parting.flatten().map(Facet::new).collect()
 }

@@ -20,6 +20,16 @@ pub const BROKEN: Material = material([0.58, 0.22, 0.15], 0.22, 0.05, Texture::B
 pub const CRACK: Material = material([0.85, 0.03, 0.03], 0.80, 0.0, Texture::Signal);
 /// Crowns.
 pub const TOOTH: Material = material([0.72, 0.69, 0.60], 0.55, 0.75, Texture::Plain);
+/// Gums, and what lines the mouth.
+pub const MUCOSA: Material = material([0.52, 0.16, 0.15], 0.35, 0.55, Texture::Plain);
+/// Lips.
+pub const LIP: Material = material([0.50, 0.17, 0.15], 0.30, 0.35, Texture::Plain);
+/// The face.
+pub const SKIN: Material = material([0.60, 0.36, 0.26], 0.22, 0.12, Texture::Plain);
+/// What holds the cheek away.
+pub const RETRACTOR: Material = material([0.62, 0.64, 0.67], 0.60, 0.7, Texture::Steel);
+/// Bone that only stands around.
+pub const AROUND: Material = material([0.56, 0.50, 0.40], 0.16, 0.2, Texture::Cortical);
 /// Blades.
 pub const STEEL: Material = material([0.78, 0.80, 0.83], 1.0, 0.8, Texture::Steel);
 /// Handles.

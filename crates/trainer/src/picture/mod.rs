@@ -5,12 +5,14 @@
 mod anchored;
 mod bone_skin;
 mod crack_skin;
+mod head;
 mod look;
 mod patient;
 mod print;
 mod props;
 mod restore;
 mod session_pictures;
+mod skins;
 mod stage;
 #[cfg(test)]
 mod tests;
@@ -24,5 +26,6 @@ pub use print::{Finish, StereoMode, Video, eyes, write_png};
 pub use props::chisel;
 pub use restore::Restored;
 pub use session_pictures::{shots, write_pictures};
-pub use stage::{Instant, Moment, Scenery, Skins, Stage, away, load_on_bone};
+pub use skins::{Dressed, Skinner, Skins};
+pub use stage::{Instant, Moment, Scenery, Stage, away, load_on_bone};
 pub use views::View;

@@ -1,6 +1,6 @@
 //! What stands around the bone: chisels with their handles, and arrows of the load.
 use super::look;
-use osteotome_mechanics::geometry::{Pose, Vec3};
+use osteotome_mechanics::geometry::{Pose, TriMesh, Vec3};
 use osteotome_mechanics::tool::Chisel;
 use osteotome_render::{Kind, Material, Mesh, scene::vertex_normals};
 
@@ -31,6 +31,30 @@ impl Prop {
             rest: &self.rest,
             normals: &self.normals,
             triangles: &self.triangles,
+        }
+    }
+
+    /// Of a surface that shows both its sides, smooth.
+    pub(super) fn surface(material: Material, mesh: &TriMesh) -> Self {
+        Self::solid(material, &mesh.vertices, mesh.triangles.clone(), true)
+    }
+
+    /// The same with edges.
+    pub(super) fn flat(material: Material, mesh: &TriMesh) -> Self {
+        Self::solid(material, &mesh.vertices, mesh.triangles.clone(), false)
+    }
+
+    fn moved(&self, pose: &Pose) -> Self {
+        let turn = *pose.rotation.to_rotation_matrix().matrix();
+        let turned = |p: &[f32; 3]| turn * Vec3::from(p.map(f64::from));
+        let single = |p: Vec3| -> [f32; 3] { p.cast::<f32>().into() };
+        let at = |p| single(turned(p) + pose.translation.vector);
+        Self {
+            positions: self.positions.iter().map(at).collect(),
+            normals: self.normals.iter().map(|n| single(turned(n))).collect(),
+            rest: self.rest.clone(),
+            triangles: self.triangles.clone(),
+            ..*self
         }
     }
 
@@ -69,24 +93,30 @@ const HANDLE: [[f64; 2]; 8] = [
     [3.5, -96.0],
 ];
 
-/// A chisel at a pose: the blade as mechanics knows it, and a handle behind it.
+/// A chisel: the blade as mechanics knows it, and a handle behind it.
+pub struct Figure([Prop; 2]);
+
+impl Figure {
+    /// Of a chisel.
+    pub fn of(chisel: &Chisel) -> Self {
+        let surface = chisel.surface();
+        let mut blade = Prop::solid(look::STEEL, &surface.vertices, surface.triangles, false);
+        // Textures stay with the tool.
+        blade.rest.clone_from(&blade.positions);
+        let back = Vec3::z() * -chisel.parameters().length;
+        let rings = HANDLE.map(|[r, z]| (back + Vec3::z() * z, r));
+        Self([blade, tube(look::HANDLE, &rings)])
+    }
+
+    /// At a pose of the tool.
+    pub fn at(&self, pose: &Pose) -> [Prop; 2] {
+        self.0.each_ref().map(|p| p.moved(pose))
+    }
+}
+
+/// A chisel at a pose.
 pub fn chisel(chisel: &Chisel, pose: &Pose) -> [Prop; 2] {
-    let blade = chisel.surface();
-    let at = |p: &Vec3| pose.rotation * p + pose.translation.vector;
-    // Textures stay with the tool.
-    let rest = blade
-        .vertices
-        .iter()
-        .map(|p| p.cast::<f32>().into())
-        .collect();
-    let vertices: Vec<Vec3> = blade.vertices.iter().map(at).collect();
-    let blade = Prop {
-        rest,
-        ..Prop::solid(look::STEEL, &vertices, blade.triangles, false)
-    };
-    let back = Vec3::z() * -chisel.parameters().length;
-    let rings = HANDLE.map(|[r, z]| (at(&(back + Vec3::z() * z)), r));
-    [blade, tube(look::HANDLE, &rings)]
+    Figure::of(chisel).at(pose)
 }
 
 const ROUND: u32 = 24;

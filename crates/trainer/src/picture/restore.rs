@@ -4,11 +4,12 @@ use anyhow::{Context, Result, bail};
 use osteotome_mechanics::crack::{CrackedBody, Growth};
 use osteotome_mechanics::geometry::{TriMesh, Vec3};
 use std::borrow::Borrow;
+use std::sync::Arc;
 
 /// A body that can be led through its recorded growths.
 pub struct Restored {
     sawn: CrackedBody,
-    now: CrackedBody,
+    now: Arc<CrackedBody>,
     generation: usize,
 }
 
@@ -17,7 +18,7 @@ impl Restored {
     pub fn new(sawn: &CrackedBody) -> Self {
         Self {
             sawn: sawn.clone(),
-            now: sawn.clone(),
+            now: Arc::new(sawn.clone()),
             generation: 0,
         }
     }
@@ -27,13 +28,18 @@ impl Restored {
         &self.now
     }
 
+    /// The same, to keep.
+    pub fn shared(&self) -> Arc<CrackedBody> {
+        self.now.clone()
+    }
+
     /// Goes to a generation, `growth[k]` being what led to generation `k`. Cheapest upwards.
     ///
     /// # Errors
     /// A recording that lacks growths, or does not fit the body.
     pub fn go_to(&mut self, generation: usize, growth: &[impl Borrow<GrowthSample>]) -> Result<()> {
         if generation < self.generation {
-            self.now = self.sawn.clone();
+            self.now = Arc::new(self.sawn.clone());
             self.generation = 0;
         }
         while self.generation < generation {
@@ -42,7 +48,7 @@ impl Restored {
             let next = next.filter(|g| g.generation == k as u64);
             let next = next.with_context(|| format!("growth {k} of the crack is not recorded"))?;
             let grown = growth_of(&self.now, next)?;
-            self.now = self.now.grown(grown)?;
+            self.now = Arc::new(self.now.grown(grown)?);
             self.generation = k;
         }
         Ok(())

@@ -1,45 +1,40 @@
 //! The scene at any time of a session.
-use super::anchored::{Anchor, Skin, drawn_cells, moved_cells, piece_of, tet_at};
-use super::bone_skin::{BoneSkin, Places, bone_skin};
-use super::crack_skin::{GapSkin, broken_sheets, gap_skin, kerf_skin};
-use super::props::{Prop, chisel, load};
-use super::restore::Restored;
-use super::{look, views::View};
+use super::anchored::{drawn_cells, piece_of};
+use super::crack_skin::GapSkin;
+use super::props::{Figure, Prop, load};
+use super::skins::{Dressed, GrowthState, Skinner};
+use super::{head, look, views::View};
 use crate::engine::Prepared;
 use crate::scenario::{Eyes, Scenario};
-use crate::session::{BoneSample, GrowthSample, HandSample, Recording};
-use anyhow::{Context, Result, bail};
+use crate::session::{BoneSample, HandSample, Recording};
+use anyhow::{Result, bail};
 use osteotome_mechanics::crack::CrackedBody;
 use osteotome_mechanics::geometry::Vec3;
 use osteotome_mechanics::tool::{Chisel, ChiselParameters};
-use osteotome_render::skin::{MovedCell, Part, Skin as Drawn};
-use osteotome_render::{Kind, Scene};
-use std::borrow::Borrow;
+use osteotome_render::Scene;
+use osteotome_render::skin::{MovedCell, Skin as Drawn};
 use std::sync::Arc;
 
 /// A recorded session ready to be looked at.
 pub struct Stage<'a> {
     scenery: Scenery<'a>,
+    skinner: Skinner<'a>,
     recording: &'a Recording,
+    shows_head: bool,
 }
 
 /// A patient's bone, ready to be shown in any state of any session.
+///
+/// Skins are made elsewhere, by a [`Skinner`]: what is done here from frame to frame does not depend on whether the crack grows.
 pub struct Scenery<'a> {
     prepared: &'a Prepared,
     scenario: &'a Scenario,
-    chisels: [Chisel; 2],
-    places: Places,
-    restored: Restored,
-    /// The generation last shown.
-    shown: Option<Shown>,
-}
-
-/// A generation's skins.
-struct Shown {
-    generation: usize,
-    skins: Skins,
-    /// The same for the renderer; pictures of a moment may outlive the generation.
-    drawn: Arc<[Drawn]>,
+    chisels: [Figure; 2],
+    /// With the schematic head, and what the patient came with alone.
+    around: [Arc<[Prop]>; 2],
+    dressed: Arc<Dressed>,
+    /// As last shown.
+    cells: Arc<[MovedCell]>,
 }
 
 /// What is to be shown of a session.
@@ -55,19 +50,8 @@ pub struct Instant<'a> {
     pub apart: f64,
     /// Whether arrows show the loads.
     pub shows_loads: bool,
-}
-
-/// All that moves with the bone, of one generation.
-pub struct Skins {
-    /// The bone's surface.
-    pub bone: BoneSkin,
-    kerf: Skin,
-    /// The opened crack.
-    pub gap: GapSkin,
-    /// The explicit crack where the bone broke.
-    pub broken: Skin,
-    /// Crowns.
-    pub teeth: Skin,
+    /// Whether a schematic head shows from where the chisels can come.
+    pub shows_head: bool,
 }
 
 /// What is to be seen at one moment.
@@ -78,21 +62,13 @@ pub struct Moment {
     pub loads: [[f64; 2]; 2],
     /// What moves with the bone, and the cells that move it.
     skins: Arc<[Drawn]>,
-    cells: Vec<MovedCell>,
-    /// All else.
+    cells: Arc<[MovedCell]>,
+    /// All else, and what stands still.
     props: Vec<Prop>,
+    around: Arc<[Prop]>,
     /// The latest growth.
     pub growth: GrowthState,
     eyes: Eyes,
-}
-
-/// The crack in figures.
-#[derive(Clone, Copy, Debug)]
-pub struct GrowthState {
-    /// Broken so far \[mm2\].
-    pub area: f64,
-    /// Whether the operated side has come off.
-    pub severed: bool,
 }
 
 impl Moment {
@@ -106,7 +82,12 @@ impl Moment {
         Scene {
             skins: &self.skins,
             cells: &self.cells,
-            meshes: self.props.iter().map(Prop::mesh).collect(),
+            meshes: self
+                .props
+                .iter()
+                .chain(&*self.around)
+                .map(Prop::mesh)
+                .collect(),
             background: look::BACKGROUND,
         }
     }
@@ -121,10 +102,19 @@ impl<'a> Stage<'a> {
         if recording.bone.is_empty() {
             bail!("the bone's displacements are not recorded; record the session again");
         }
+        let mut skinner = Skinner::new(prepared);
+        let sawn = skinner.sawn()?;
         Ok(Self {
-            scenery: Scenery::new(prepared, &recording.scenario.scenario)?,
+            scenery: Scenery::new(prepared, &recording.scenario.scenario, sawn)?,
+            skinner,
             recording,
+            shows_head: false,
         })
+    }
+
+    /// Shows a schematic head, or not.
+    pub fn show_head(&mut self, is_shown: bool) {
+        self.shows_head = is_shown;
     }
 
     /// The recording.
@@ -156,8 +146,14 @@ impl<'a> Stage<'a> {
                 .map(|h| &h[step.min(h.len() - 1)]),
             apart,
             shows_loads: true,
+            shows_head: self.shows_head,
         };
-        self.scenery.moment(&instant, &recording.growth)
+        if !self.scenery.suits(instant.bone) {
+            let generation = usize::try_from(generation(instant.bone))?;
+            let dressed = self.skinner.make(generation, &recording.growth)?;
+            self.scenery.dress(dressed, instant.bone)?;
+        }
+        self.scenery.moment(&instant)
     }
 }
 
@@ -166,54 +162,67 @@ impl<'a> Scenery<'a> {
     ///
     /// # Errors
     /// A chisel that mechanics refuses.
-    pub fn new(prepared: &'a Prepared, scenario: &'a Scenario) -> Result<Self> {
+    pub fn new(prepared: &'a Prepared, scenario: &'a Scenario, sawn: Arc<Dressed>) -> Result<Self> {
         let blade = |i: usize| {
             let c = &scenario.tool[i].chisel;
-            Chisel::new(ChiselParameters {
+            let chisel = Chisel::new(ChiselParameters {
                 width: c.width,
                 thickness: c.thickness,
                 bevel_deg: c.bevel_deg,
                 length: c.length,
-            })
+            })?;
+            anyhow::Ok(Figure::of(&chisel))
         };
-        let body = &prepared.bone.cracked;
+        let own = head::surroundings(prepared);
+        let all = own.iter().cloned().chain(head::schematic(prepared));
         Ok(Self {
             chisels: [blade(0)?, blade(1)?],
-            places: Places::new(body, &prepared.patient.surface),
-            restored: Restored::new(body),
-            shown: None,
+            around: [all.collect::<Vec<_>>().into(), own.into()],
+            cells: cells_of(&sawn.body, None)?,
+            dressed: sawn,
             prepared,
             scenario,
         })
     }
 
-    /// The scene at an instant; `growth[k]` led to generation `k`.
+    /// Whether the skins are those of a state's generation; `None`: of the sawn bone.
+    pub fn suits(&self, bone: Option<&BoneSample>) -> bool {
+        self.dressed.generation as u64 == generation(bone)
+    }
+
+    /// The generation whose skins are shown.
+    pub fn generation(&self) -> usize {
+        self.dressed.generation
+    }
+
+    /// Goes over to another generation, in a state of that generation.
     ///
     /// # Errors
-    /// A state or a growth that does not fit the bone.
-    pub fn moment(
-        &mut self,
-        now: &Instant,
-        growth: &[impl Borrow<GrowthSample>],
-    ) -> Result<Moment> {
-        let generation = now.bone.map_or(Ok(0), |b| usize::try_from(b.generation))?;
-        self.show(generation, growth)?;
-        let body = self.restored.body();
-        let x = match now.bone {
-            Some(bone) => unknowns(body, bone)?,
-            None => vec![0.0; body.system.n()],
-        };
-        let shown = self.shown.as_ref().context("no bone to show")?;
-        let mut moved = moved_cells(body, &x);
-        if now.apart > 0.0 {
-            take_apart(body, &shown.skins.gap, now.apart, &mut moved);
+    /// A state that does not fit.
+    pub fn dress(&mut self, dressed: Arc<Dressed>, bone: Option<&BoneSample>) -> Result<()> {
+        self.cells = cells_of(&dressed.body, bone)?;
+        self.dressed = dressed;
+        Ok(())
+    }
+
+    /// The scene at an instant. A bone whose generation the skins do not suit stays as it was last shown.
+    ///
+    /// # Errors
+    /// A state that does not fit the bone.
+    pub fn moment(&mut self, now: &Instant) -> Result<Moment> {
+        if self.suits(now.bone) {
+            self.cells = cells_of(&self.dressed.body, now.bone)?;
         }
+        let cells = match now.apart > 0.0 {
+            true => taken_apart(&self.dressed, &self.cells, now.apart),
+            false => self.cells.clone(),
+        };
         let mut props = Vec::new();
         let mut loads = [[0.0; 2]; 2];
         for (i, hand) in now.hands.iter().enumerate() {
             let (force, torque) = load_on_bone(hand, self.scenario, i);
             loads[i] = [force.norm(), torque.norm()];
-            props.extend(chisel(&self.chisels[i], &hand.tool_pose));
+            props.extend(self.chisels[i].at(&hand.tool_pose));
             if now.shows_loads {
                 props.extend(load(look::LOADS[i], &hand.tool_pose, &force, &torque));
             }
@@ -221,31 +230,28 @@ impl<'a> Scenery<'a> {
         Ok(Moment {
             time: now.time,
             loads,
-            skins: shown.drawn.clone(),
-            cells: drawn_cells(&moved),
+            skins: self.dressed.drawn.clone(),
+            cells,
             props,
-            growth: state_of(growth.get(generation).map(Borrow::borrow)),
+            around: self.around[usize::from(!now.shows_head)].clone(),
+            growth: self.dressed.growth,
             eyes: self.scenario.view,
         })
     }
+}
 
-    fn show(&mut self, generation: usize, growth: &[impl Borrow<GrowthSample>]) -> Result<()> {
-        if self
-            .shown
-            .as_ref()
-            .is_some_and(|s| s.generation == generation)
-        {
-            return Ok(());
-        }
-        self.restored.go_to(generation, growth)?;
-        let skins = Skins::of(self.restored.body(), self.prepared, &self.places);
-        self.shown = Some(Shown {
-            generation,
-            drawn: skins.drawn().into(),
-            skins,
-        });
-        Ok(())
-    }
+/// Of a state; `None`: of the sawn bone.
+fn generation(bone: Option<&BoneSample>) -> u64 {
+    bone.map_or(0, |b| b.generation)
+}
+
+/// The cells' moved nodes; `None`: at rest.
+fn cells_of(body: &CrackedBody, bone: Option<&BoneSample>) -> Result<Arc<[MovedCell]>> {
+    let x = match bone {
+        Some(bone) => unknowns(body, bone)?,
+        None => vec![0.0; body.system.n()],
+    };
+    Ok(drawn_cells(body, &x))
 }
 
 fn unknowns(body: &CrackedBody, bone: &BoneSample) -> Result<Vec<f64>> {
@@ -260,13 +266,16 @@ fn unknowns(body: &CrackedBody, bone: &BoneSample) -> Result<Vec<f64>> {
     Ok(bone.x_um.iter().map(|v| f64::from(*v) * 1e-3).collect())
 }
 
-/// Moves the cells of all fragments but the largest away from what they broke off.
-fn take_apart(body: &CrackedBody, gap: &GapSkin, apart: f64, moved: &mut [[Vec3; 4]]) {
-    let away = away(body, gap);
-    for (c, nodes) in moved.iter_mut().enumerate() {
-        let way = away[piece_of(body, c as u32) as usize] * apart;
-        nodes.iter_mut().for_each(|p| *p += way);
-    }
+/// All fragments but the largest moved away from what they broke off.
+fn taken_apart(dressed: &Dressed, cells: &[MovedCell], apart: f64) -> Arc<[MovedCell]> {
+    let body = &dressed.body;
+    let ways = away(body, &dressed.skins.gap);
+    let way = |c: u32| ways[piece_of(body, c) as usize] * apart;
+    let moved = |(c, nodes): (u32, &MovedCell)| {
+        let way: [f32; 3] = way(c).cast::<f32>().into();
+        nodes.map(|p| [0, 1, 2].map(|k| p[k] + way[k]))
+    };
+    (0u32..).zip(cells).map(moved).collect()
 }
 
 /// For each fragment a unit vector away from what it broke off; zero for the largest.
@@ -285,19 +294,6 @@ pub fn away(body: &CrackedBody, gap: &GapSkin) -> Vec<Vec3> {
     away.iter().map(unit).collect()
 }
 
-fn state_of(growth: Option<&GrowthSample>) -> GrowthState {
-    growth.map_or(
-        GrowthState {
-            area: 0.0,
-            severed: false,
-        },
-        |g| GrowthState {
-            area: g.area,
-            severed: g.severed,
-        },
-    )
-}
-
 /// What a hand does to the bone: the opposite of what its device displays, unscaled.
 pub fn load_on_bone(hand: &HandSample, scenario: &Scenario, i: usize) -> (Vec3, Vec3) {
     let tool = &scenario.tool[i];
@@ -312,78 +308,4 @@ pub fn load_on_bone(hand: &HandSample, scenario: &Scenario, i: usize) -> (Vec3, 
         unscaled(hand.wrench.force, tool.force_scale),
         unscaled(hand.wrench.torque, tool.torque_scale),
     )
-}
-
-/// Crowns, each carried by the tetrahedron under its neck.
-fn teeth(body: &CrackedBody, prepared: &Prepared) -> Skin {
-    let mut skin = Skin::default();
-    for tooth in &prepared.patient.teeth {
-        let surface = &tooth.surface;
-        let bounds = surface.bounds();
-        let low = bounds.min.z + 0.15 * bounds.extent().z;
-        let neck: Vec<&Vec3> = surface.vertices.iter().filter(|p| p.z <= low).collect();
-        let root = neck.iter().copied().sum::<Vec3>() / neck.len().max(1) as f64;
-        let (tet, weights) = tet_at(body, &root);
-        let cell = body.topology.cell_at(tet, &weights);
-        let first = skin.anchors.len() as u32;
-        for p in &surface.vertices {
-            let weights = body.solid.mesh.barycentric(tet as usize, p);
-            skin.push(Anchor { cell, weights }, p);
-        }
-        let triangles = surface.triangles.iter().map(|t| t.map(|v| v + first));
-        skin.triangles.extend(triangles);
-    }
-    skin
-}
-
-impl Skins {
-    /// Of a body.
-    pub fn of(body: &CrackedBody, prepared: &Prepared, places: &Places) -> Self {
-        let gap = gap_skin(body, &*prepared.bone.body.region.0);
-        Self {
-            bone: bone_skin(body, &prepared.patient.surface, places, &gap),
-            kerf: kerf_skin(body),
-            gap,
-            broken: broken_sheets(body),
-            teeth: teeth(body, prepared),
-        }
-    }
-
-    /// For the renderer.
-    fn drawn(&self) -> Vec<Drawn> {
-        let (bone, gap) = (&self.bone, &self.gap);
-        let smooth = |kind, material, triangles: &[[u32; 3]]| Part {
-            kind,
-            material,
-            is_smooth: true,
-            triangles: triangles.to_vec(),
-        };
-        let flat = |kind, material, triangles: &[[u32; 3]]| Part {
-            is_smooth: false,
-            ..smooth(kind, material, triangles)
-        };
-        vec![
-            bone.skin.drawn(vec![
-                smooth(Kind::Bone, look::CORTICAL, &bone.skin.triangles),
-                flat(Kind::Seam, look::CORTICAL, &bone.seams),
-            ]),
-            self.kerf
-                .drawn(vec![flat(Kind::Kerf, look::SAWN, &self.kerf.triangles)]),
-            gap.drawn(vec![
-                smooth(Kind::Gap, look::BROKEN, &gap.skin.triangles),
-                smooth(Kind::Gap, look::SAWN, &gap.sawn),
-                flat(Kind::Gap, look::BROKEN, &gap.walls),
-            ]),
-            self.broken.drawn(vec![flat(
-                Kind::Within,
-                look::CRACK,
-                &self.broken.triangles,
-            )]),
-            self.teeth.drawn(vec![smooth(
-                Kind::Solid,
-                look::TOOTH,
-                &self.teeth.triangles,
-            )]),
-        ]
-    }
 }

@@ -1,7 +1,7 @@
 //! Blocks instead of jaws: what the skins of a cracked body must be whatever moves.
 #![allow(clippy::print_stderr)] // a skipped test says so
 use super::anchored::{Skin, drawn_cells, moved_cells, piece_of};
-use super::bone_skin::{BoneSkin, Places, bone_skin};
+use super::bone_skin::{BoneSkin, Places, Slits};
 use super::crack_skin::{GapSkin, gap_skin, kerf_skin};
 use super::restore::Restored;
 use crate::engine::cut_since;
@@ -85,7 +85,7 @@ fn skins(body: &CrackedBody) -> Skins {
     let region = MeshDistance::new(surface.clone());
     let gap = gap_skin(body, &region);
     Skins {
-        bone: bone_skin(body, &surface, &Places::new(body, &surface), &gap),
+        bone: Slits::default().skin(body, &surface, &Places::new(body, &surface), &gap),
         kerf: kerf_skin(body),
         gap,
     }
@@ -115,7 +115,7 @@ impl Skins {
     /// Of all triangles that are shown, the largest change of an edge's length \[mm\].
     fn stretch(&self, moved: &[[Vec3; 4]]) -> f32 {
         let skin = &self.bone.skin;
-        let at = skin.drawn(vec![]).positions(&drawn_cells(moved));
+        let at = skin.drawn(vec![]).positions(&single(moved));
         let length = |p: &[[f32; 3]], a: u32, b: u32| {
             let [p, q] = [a, b].map(|v| p[v as usize]);
             (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f32>().sqrt()
@@ -167,7 +167,7 @@ impl Skins {
 fn look(renderer: &mut Renderer, skins: &[Drawn], moved: &[[Vec3; 4]], eye: [f32; 3]) -> Frame {
     let scene = Scene {
         skins,
-        cells: &drawn_cells(moved),
+        cells: &single(moved),
         ..Scene::default()
     };
     let options = Options {
@@ -308,6 +308,54 @@ fn a_graphics_device_sees_three_pieces_as_the_processor_does() {
         "{}",
         device.place()
     );
+}
+
+fn single(moved: &[[Vec3; 4]]) -> Vec<[[f32; 3]; 4]> {
+    let one = |nodes: &[Vec3; 4]| nodes.map(|p| p.cast::<f32>().into());
+    moved.iter().map(one).collect()
+}
+
+#[test]
+fn cells_are_moved_alike_for_all_frames() {
+    let body = cracked(vec![through(0.0)]);
+    let x: Vec<f64> = (0..body.system.n())
+        .map(|i| (0.7 * i as f64).sin())
+        .collect();
+    assert_eq!(
+        drawn_cells(&body, &x).to_vec(),
+        single(&moved_cells(&body, &x))
+    );
+}
+
+/// From growth to growth, up to the split and back: what was kept of the slits before gives the surface that one made anew has.
+#[test]
+fn a_skin_that_follows_the_crack_is_the_one_made_anew() {
+    let edge = sheet([11.7, -3.0, 15.0], [0.5, 18.0, 0.0], [0.3, 0.0, -9.0], 0.0);
+    let mut bodies = vec![cracked(vec![edge])];
+    while bodies.len() < 12 {
+        let body = bodies.last().unwrap();
+        let fronts = body.fronts();
+        let Some(front) = fronts.first() else { break };
+        let n = front.vertices.len();
+        // Ahead at one end first.
+        let ahead = |k: usize| Vec3::new(0.1, 0.0, -2.0 * (k + bodies.len()) as f64 / n as f64);
+        let advance: Vec<Vec3> = (0..n).map(ahead).collect();
+        let growth = body.advanced(&[(front, &advance)]);
+        let grown = body.grown(growth).unwrap();
+        bodies.push(grown);
+    }
+    assert_eq!(bodies.last().unwrap().fragments.count(), 2);
+    bodies.push(bodies[2].clone());
+    let surface = surface(&bodies[0].solid.mesh);
+    let places = Places::new(&bodies[0], &surface);
+    let region = MeshDistance::new(surface.clone());
+    let mut slits = Slits::default();
+    for body in &bodies {
+        let gap = gap_skin(body, &region);
+        let [kept, anew] =
+            [&mut slits, &mut Slits::default()].map(|s| s.skin(body, &surface, &places, &gap));
+        assert!(kept == anew);
+    }
 }
 
 /// A growth recorded and repeated gives the same body.

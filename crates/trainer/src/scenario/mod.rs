@@ -60,6 +60,9 @@ pub struct Scenario {
     /// How two eyes look at it.
     #[serde(default)]
     pub view: Eyes,
+    /// Whether the window gives no hints.
+    #[serde(default)]
+    pub exam: bool,
     /// What a debrief scores, with thresholds and weights.
     #[serde(default)]
     pub targets: Targets,

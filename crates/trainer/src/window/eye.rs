@@ -1,7 +1,8 @@
 //! Draws the scene on threads of its own at a low priority: what comes late is dropped, and nobody waits for it.
 use super::conductor::Ready;
+use super::dresser::{Dresser, Wanted};
 use super::live::{SharedLive, look};
-use crate::picture::{Instant as Shown, Moment, Scenery, StereoMode, eyes};
+use crate::picture::{Instant as Shown, Moment, Scenery, Skinner, StereoMode, eyes};
 use crate::session::HandSample;
 use anyhow::Result;
 use eframe::egui::{Color32, ColorImage};
@@ -25,6 +26,8 @@ pub struct Look {
     pub is_transparent: bool,
     /// Whether arrows show the loads.
     pub shows_loads: bool,
+    /// Whether a schematic head is shown.
+    pub shows_head: bool,
     /// How far fragments are taken apart \[mm\].
     pub apart: f64,
     /// For two eyes.
@@ -215,8 +218,29 @@ fn next_patient(shared: &Shared) -> Option<Arc<Ready>> {
 
 /// Draws until another patient is wished for, or the end.
 fn watch_patient(shared: &Shared, drawing: &mut Drawing, patient: &Arc<Ready>) -> Result<()> {
-    let mut scenery = Scenery::new(&patient.prepared, &patient.scenario)?;
-    let mut drawn: Option<(Look, u64)> = None;
+    let mut skinner = Skinner::new(&patient.prepared);
+    let scenery = Scenery::new(&patient.prepared, &patient.scenario, skinner.sawn()?)?;
+    let dresser = Dresser::default();
+    std::thread::scope(|scope| {
+        let _closing = dresser.closing();
+        Builder::new()
+            .name("skins".into())
+            .spawn_scoped(scope, || {
+                yield_to_loops();
+                dresser.work(skinner);
+            })?;
+        watch_scene(shared, drawing, patient, scenery, &dresser)
+    })
+}
+
+fn watch_scene(
+    shared: &Shared,
+    drawing: &mut Drawing,
+    patient: &Arc<Ready>,
+    mut scenery: Scenery,
+    dresser: &Dresser,
+) -> Result<()> {
+    let mut drawn: Option<(Look, u64, usize)> = None;
     let mut refinement = 0;
     loop {
         let wished = {
@@ -228,8 +252,12 @@ fn watch_patient(shared: &Shared, drawing: &mut Drawing, patient: &Arc<Ready>) -
             wish.look
         };
         let Some(wished) = wished else { return Ok(()) };
+        if let Some((dressed, wanted)) = dresser.take()? {
+            scenery.dress(dressed, wanted.bone.as_deref())?;
+        }
         let revision = look(&shared.live).revision;
-        if drawn != Some((wished, revision)) {
+        let shown = (wished, revision, scenery.generation());
+        if drawn != Some(shown) {
             refinement = 0;
         } else if refinement < REFINEMENTS {
             refinement += 1;
@@ -245,7 +273,7 @@ fn watch_patient(shared: &Shared, drawing: &mut Drawing, patient: &Arc<Ready>) -
             2 => (1.0, 1),
             _ => (1.0, 2),
         };
-        let moment = moment(&mut scenery, shared, patient, &wished)?;
+        let moment = moment(&mut scenery, dresser, shared, patient, &wished)?;
         let start = Instant::now();
         let image = drawing.draw(&moment, &wished, across, samples);
         let ms = start.elapsed().as_secs_f64() * 1e3;
@@ -253,7 +281,7 @@ fn watch_patient(shared: &Shared, drawing: &mut Drawing, patient: &Arc<Ready>) -
             let change = (BUDGET_MS / ms.max(1.0)).sqrt().clamp(0.7, 1.2);
             drawing.share = (drawing.share * change).clamp(COARSEST, 1.0);
         }
-        drawn = Some((wished, revision));
+        drawn = Some(shown);
         let image = to_egui(&image);
         let camera = wished.camera;
         show(
@@ -270,6 +298,7 @@ fn watch_patient(shared: &Shared, drawing: &mut Drawing, patient: &Arc<Ready>) -
 
 fn moment(
     scenery: &mut Scenery,
+    dresser: &Dresser,
     shared: &Shared,
     patient: &Ready,
     wished: &Look,
@@ -288,8 +317,13 @@ fn moment(
         hands: hands.each_ref(),
         apart: wished.apart,
         shows_loads: wished.shows_loads,
+        shows_head: wished.shows_head,
     };
-    scenery.moment(&shown, &growth)
+    if !scenery.suits(bone.as_deref()) {
+        let bone = bone.clone();
+        dresser.want(Wanted { bone, growth });
+    }
+    scenery.moment(&shown)
 }
 
 /// A hand that holds its chisel still and feels nothing.

@@ -2,7 +2,7 @@
 use super::app::Window;
 use super::live::look;
 use super::mouse_hands::{Held, Motion};
-use super::{panels, planner, shortcuts, style};
+use super::{panels, planner, shortcuts, style, teacher};
 use crate::picture::BACKGROUND;
 use eframe::egui::{
     self, Align2, CentralPanel, Color32, FontId, Frame, Painter, PointerButton, Pos2, Rect, Rgba,
@@ -42,8 +42,10 @@ pub fn centre(w: &mut Window, ui: &mut Ui) {
             if let (Some(camera), None) = (&w.view.camera, w.settings.stereo) {
                 scale_bar(&painter, rect, camera);
                 orientation(&painter, rect, camera);
+                teacher::plan(w, &painter, rect, camera);
             }
             held(w, &painter, rect);
+            teacher::guide(w, ui, rect);
             planner::overlay(w, &painter, rect);
             let place = Rect::from_center_size(rect.center(), vec2(330.0, 90.0));
             ui.scope_builder(UiBuilder::new().max_rect(place), |ui| {

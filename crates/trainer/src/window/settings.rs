@@ -23,17 +23,28 @@ pub struct Settings {
     pub hands: [String; 2],
     /// Where sessions are kept.
     pub sessions: PathBuf,
-    /// From where the scene is seen.
     /// From where the scene is seen; absent, once turned by hand: the usual view next time.
     pub view: Option<View>,
     /// Whether one looks through the bone.
     pub is_transparent: bool,
     /// Whether arrows show the loads.
     pub shows_loads: bool,
+    /// Whether a schematic head is shown.
+    pub shows_head: bool,
     /// For two eyes.
     pub stereo: Option<StereoMode>,
     /// Whether pictures are drawn into session folders.
     pub draws_pictures: bool,
+    /// Whether the coach says anything, and shows the planned plane.
+    pub shows_hints: bool,
+    /// See there.
+    pub shows_plan: bool,
+    /// Whether the window is for an exam: no hints.
+    pub is_exam: bool,
+    /// Whether the guided first run has been gone through, or left out.
+    pub has_been_guided: bool,
+    /// Whose history sessions go into; empty: nobody's.
+    pub profile: String,
     /// Size of letters against the usual.
     pub zoom: f32,
 }
@@ -48,8 +59,14 @@ impl Default for Settings {
             view: Some(View::Close),
             is_transparent: false,
             shows_loads: true,
+            shows_head: false,
             stereo: None,
             draws_pictures: true,
+            shows_hints: true,
+            shows_plan: true,
+            is_exam: false,
+            has_been_guided: false,
+            profile: String::new(),
             zoom: 1.0,
         }
     }

@@ -22,6 +22,8 @@ pub enum Command {
     Transparent,
     /// Show the loads, or not.
     Loads,
+    /// Show a head around, or not.
+    Head,
     /// The next stereo mode.
     Stereo,
     /// Take hold of a chisel.
@@ -40,7 +42,7 @@ const CTRL: Modifiers = Modifiers::COMMAND;
 const NONE: Modifiers = Modifiers::NONE;
 
 /// Keys that command, as they are listed.
-pub const COMMANDS: [(Modifiers, Key, Command, &str); 23] = [
+pub const COMMANDS: [(Modifiers, Key, Command, &str); 24] = [
     (NONE, Key::Space, Command::Go, "Start, pause, go on"),
     (
         NONE,
@@ -64,6 +66,7 @@ pub const COMMANDS: [(Modifiers, Key, Command, &str); 23] = [
     (CTRL, Key::Num7, Command::View(View::Top), "View: top"),
     (NONE, Key::T, Command::Transparent, "Look through the bone"),
     (NONE, Key::L, Command::Loads, "Load arrows"),
+    (NONE, Key::H, Command::Head, "Head around"),
     (NONE, Key::X, Command::Stereo, "Next stereo mode"),
     (NONE, Key::F11, Command::FullScreen, "Full screen"),
     (NONE, Key::F1, Command::Help, "This list"),

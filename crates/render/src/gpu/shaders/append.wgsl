@@ -1,4 +1,7 @@
-// Every fragment of every triangle goes into its sample's list: twin of raster.rs. No culling, no depth test.
+// Fragments go into their sample's list: twin of raster.rs. No culling, no depth test.
+//
+// What the crack does not reach needs no list: lists are begun by kerf, gap and seams, and bone and all else go into lists that
+// have begun, else into a plain depth buffer. That holds for a closed bone seen from outside: else all go into lists.
 @group(0) @binding(1) var<storage, read> clip: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> triangles: array<vec4<u32>>;
 @group(0) @binding(3) var<storage, read> meshes: array<Mesh>;
@@ -27,15 +30,8 @@ fn vertex(@builtin(vertex_index) i: u32) -> Corner {
 const TILE: u32 = 64u;
 const LINE: u32 = 16u;
 
-@fragment
-fn fragment(
-    @builtin(position) position: vec4<f32>,
-    @builtin(front_facing) is_front: bool,
-    @location(0) @interpolate(flat, either) info: u32,
-) -> @location(0) vec4<f32> {
-    let x = u32(position.x);
-    let y = u32(position.y) - frame.band;
-    let tile = (y / TILE) * ((frame.size.x + TILE - 1u) / TILE) + x / TILE;
+fn append(at: vec2<u32>, distance: f32, info: u32) {
+    let tile = (at.y / TILE) * ((frame.size.x + TILE - 1u) / TILE) + at.x / TILE;
     let own = atomicAdd(&counters[(tile + 1u) * LINE], 1u);
     var place = tile * frame.of_tile + own;
     if own >= frame.of_tile {
@@ -43,11 +39,41 @@ fn fragment(
     }
     // The counter goes on: it says how many places are missing.
     if place < frame.capacity {
-        let next = atomicExchange(&heads[y * frame.size.x + x], place + 1u);
+        let next = atomicExchange(&heads[at.y * frame.size.x + at.x], place + 1u);
         nodes[3u * place] = next;
         // Bits of a positive number sort as the number does.
-        nodes[3u * place + 1u] = bitcast<u32>(1.0 / position.w);
-        nodes[3u * place + 2u] = info | select(IS_BACK, 0u, is_front);
+        nodes[3u * place + 1u] = bitcast<u32>(distance);
+        nodes[3u * place + 2u] = info;
     }
+}
+
+// Within the band.
+fn place_of(position: vec4<f32>) -> vec2<u32> {
+    return vec2<u32>(u32(position.x), u32(position.y) - frame.band);
+}
+
+@fragment
+fn every(
+    @builtin(position) position: vec4<f32>,
+    @builtin(front_facing) is_front: bool,
+    @location(0) @interpolate(flat, either) info: u32,
+) -> @location(0) vec4<f32> {
+    append(place_of(position), 1.0 / position.w, info | select(IS_BACK, 0u, is_front));
     return vec4<f32>(0.0);
+}
+
+// Where lists have begun, goes on with them; elsewhere the depth buffer finds the nearest.
+@fragment
+fn nearest(
+    @builtin(position) position: vec4<f32>,
+    @builtin(front_facing) is_front: bool,
+    @location(0) @interpolate(flat, either) info: u32,
+) -> @location(0) vec2<u32> {
+    let at = place_of(position);
+    let distance = 1.0 / position.w;
+    let faced = info | select(IS_BACK, 0u, is_front);
+    if atomicLoad(&heads[at.y * frame.size.x + at.x]) != 0u {
+        append(at, distance, faced);
+    }
+    return vec2<u32>(faced, bitcast<u32>(distance));
 }

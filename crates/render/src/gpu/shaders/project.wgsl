@@ -1,4 +1,5 @@
-// Vertices into clip space, once each: twin of project.rs. The near plane clips; there is no far one.
+// Vertices into clip space, once each: twin of project.rs. The near plane clips; there is no far one, and a depth buffer holds
+// near / distance, which tells distances apart as finely as numbers do.
 @group(0) @binding(1) var<storage, read> positions: array<f32>;
 @group(0) @binding(2) var<storage, read_write> clip: array<vec4<f32>>;
 
@@ -14,7 +15,7 @@ fn project(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups
     clip[i] = vec4<f32>(
         (frame.shift * v.z + v.x / frame.tangent) * aspect,
         v.y / frame.tangent,
-        v.z - frame.near,
+        frame.near,
         v.z,
     );
 }
