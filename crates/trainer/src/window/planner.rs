@@ -111,7 +111,7 @@ pub fn overlay(w: &mut Window, painter: &Painter, rect: Rect) {
                 false => "Canal",
             };
             let font = FontId::proportional(12.0);
-            painter.text(*at + vec2(8.0, 0.0), Align2::LEFT_CENTER, text, font, CANAL);
+            painter.text(*at + vec2(0.0, 8.0), Align2::RIGHT_TOP, text, font, CANAL);
         }
     }
     slit(planner, planning, painter, &place);
@@ -245,7 +245,8 @@ pub fn panel(w: &mut Window, ctx: &Context) {
     w.planner.attend(&ready);
     let mut saved = None;
     egui::Window::new("Osteotomy planner")
-        .default_pos(pos2(250.0, 60.0))
+        // Over the gauges, which have nothing to tell while one plans.
+        .default_pos(pos2(ctx.content_rect().right() - 276.0, 56.0))
         .default_width(250.0)
         .resizable(false)
         .show(ctx, |ui| {
