@@ -44,7 +44,7 @@ struct Mouth {
 }
 
 /// Half width and half height of the open mouth \[mm\].
-const MOUTH: [f64; 2] = [27.0, 24.0];
+const MOUTH: [f64; 2] = [27.0, 27.0];
 /// How far a retractor pulls the corner of the mouth aside and back \[mm\].
 const PULLED: [f64; 2] = [26.0, 40.0];
 /// The radius of a lip \[mm\].
@@ -63,8 +63,8 @@ impl Mouth {
         Self {
             centre: Vec3::new(
                 0.5 * (bounds.min.x + bounds.max.x),
-                bounds.min.y - 12.0,
-                top + 12.0,
+                bounds.min.y - 16.0,
+                top + 15.0,
             ),
             side: prepared.patient.osteotomy.side.sign(),
         }
@@ -77,7 +77,7 @@ impl Mouth {
         // How much of the pull reaches here.
         let pull = (0.5 + 0.5 * c * self.side).powi(2) / out;
         // Cheeks lie back, more so the farther they are out.
-        let back = x * x / 105.0 + z * z / 320.0;
+        let back = x * x / 105.0 + z * z / 600.0;
         self.centre + Vec3::new(x + PULLED[0] * pull * self.side, back + PULLED[1] * pull, z)
     }
 }
