@@ -3,7 +3,9 @@
 //!
 //! `cargo run --release -p osteotome-anatomy --example mesh_report [FILE.stl] [LINE.json] [grading=R] [nodes...]`
 #![allow(clippy::print_stdout)]
-use osteotome_anatomy::{ClosedSurface, JawFrame, Osteotomy, Side, mesher, osteotomy, stl};
+use osteotome_anatomy::{
+    ClosedSurface, JawFrame, Osteotomy, Side, Technique, mesher, osteotomy, stl,
+};
 use osteotome_anatomy::{Parameters, ParametricMandible};
 use osteotome_mechanics::geometry::{MeshDistance, TET_FACES, TetMesh, TriMesh, Vec3};
 use std::path::Path;
@@ -62,7 +64,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
         (None, None) => {
             let marks = parametric.landmarks(&distance)?;
-            Some(Osteotomy::dal_pont(&marks, Side::Right, 0.8, &distance)?)
+            Some(Osteotomy::by_technique(
+                Technique::Hunsuck,
+                &marks,
+                Side::Right,
+                0.8,
+                &distance,
+            )?)
         }
         (None, Some(_)) => None,
     };

@@ -16,15 +16,33 @@ const MAX_BYTES: u64 = 4 << 30;
 /// No volume unpacks to more: the largest that is allowed, of doubles, and its header.
 const MAX_UNPACKED: u64 = 8 * MAX_VOXELS + (32 << 20);
 
-/// A segmentation \[mm, LPS\].
+/// A volume \[mm, LPS\].
 #[derive(Clone, Debug, PartialEq)]
-pub struct LabelVolume {
+pub struct Volume<T> {
     /// Voxels along each axis.
     pub size: [usize; 3],
-    /// The label of each voxel, the first axis running fastest.
-    pub voxels: Vec<u8>,
+    /// The value of each voxel, the first axis running fastest.
+    pub voxels: Vec<T>,
     /// Where they are.
     pub affine: Affine,
+}
+
+/// A segmentation: labels.
+pub type LabelVolume = Volume<u8>;
+
+/// What a voxel can hold.
+pub trait Voxel: Sized {
+    /// From voxel `i`'s value in the file.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    fn of(value: f64, i: usize) -> Result<Self, String>;
+}
+
+impl Voxel for u8 {
+    fn of(value: f64, i: usize) -> Result<Self, String> {
+        label(value, i)
+    }
 }
 
 /// From voxel numbers to mm, LPS.
@@ -60,6 +78,11 @@ impl Affine {
             inverse,
             origin,
         })
+    }
+
+    /// Voxel numbers, with fractions, of a place.
+    pub fn index(&self, place: &Vec3) -> Vec3 {
+        self.inverse * (place - self.origin)
     }
 
     /// Place of a voxel's middle.
@@ -179,7 +202,7 @@ pub(crate) fn bounded_gunzip(stream: &mut dyn Read) -> impl Read + '_ {
     MultiGzDecoder::new(stream).take(MAX_UNPACKED)
 }
 
-impl LabelVolume {
+impl<T: Voxel> Volume<T> {
     /// Reads exactly the voxels of `size`, each as `sample` and times `scale[0]` plus `scale[1]`.
     pub(crate) fn read(
         stream: &mut dyn Read,
@@ -206,7 +229,7 @@ impl LabelVolume {
             })?;
             for bytes in row.chunks_exact(width) {
                 let value = scale[0] * sample.value(bytes, is_big) + scale[1];
-                voxels.push(label(value, voxels.len())?);
+                voxels.push(T::of(value, voxels.len())?);
             }
         }
         Ok(Self {
@@ -234,7 +257,7 @@ impl LabelVolume {
         for word in text.split_ascii_whitespace().take(n) {
             let value = word.parse();
             let value: f64 = value.map_err(|_| format!("\"{word:.20}\" is not a number"))?;
-            voxels.push(label(value, voxels.len())?);
+            voxels.push(T::of(value, voxels.len())?);
         }
         if voxels.len() < n {
             let have = voxels.len();
@@ -248,7 +271,9 @@ impl LabelVolume {
             affine,
         })
     }
+}
 
+impl LabelVolume {
     /// How many voxels have each label.
     pub fn counts(&self) -> [usize; 256] {
         let mut counts = [0; 256];

@@ -5,6 +5,7 @@
 //! panics on a file. Frame everywhere: mm, LPS (x = patient left, y = posterior, z = superior).
 pub mod canal;
 pub mod canal_label;
+pub mod density;
 pub mod deviation;
 pub mod diagnosis;
 mod error;
@@ -42,7 +43,7 @@ pub use focus::Focus;
 pub use folder::PatientFolder;
 pub use landmarks::{JawFrame, Landmarks, SideLandmarks};
 pub use materials::{MaterialSpec, Tissue};
-pub use osteotomy::{LinePoint, Osteotomy, OsteotomyPart, PartKind, Side};
+pub use osteotomy::{LinePoint, Osteotomy, OsteotomyPart, PartKind, Side, Technique};
 pub use parametric::{Parameters, ParametricMandible};
 pub use patient::{MeshSource, OsteotomySource, Patient, PatientSpec, SurfaceSource};
 pub use point_shell::SurfacePoint;

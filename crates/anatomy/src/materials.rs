@@ -1,4 +1,5 @@
 //! Cortical bone, trabecular bone and teeth, mixed in each tetrahedron by how much of it lies how deep.
+use crate::density::Density;
 use crate::error::{AnatomyError, in_range};
 use crate::landmarks::JawFrame;
 use crate::teeth::ToothBody;
@@ -103,6 +104,9 @@ impl MaterialSpec {
     /// at 35 points of the tetrahedron (of an orthotropic layer and the rest, the mean of the stiffnesses): tooth inside a crown, else by depth; what the mesh has outside the surface counts as cortical. Osteons follow the
     /// jaw's centre line.
     ///
+    /// With `density`, Young's modulus of bone follows the scan where it reaches, in every tetrahedron as the mean of the points';
+    /// all else stays by depth.
+    ///
     /// # Errors
     /// As [`check`](Self::check).
     pub fn assign(
@@ -111,12 +115,15 @@ impl MaterialSpec {
         surface: &MeshDistance,
         frame: &JawFrame,
         teeth: &[&dyn ToothBody],
+        density: Option<&Density>,
     ) -> Result<Vec<TetMaterial>, AnatomyError> {
         self.check()?;
         let samples = samples();
         let material = |t: usize| {
             let corners = mesh.corners(t);
-            let [cortical, trabecular, tooth] = self.shares(&corners, surface, teeth, &samples);
+            let by_density = |p: &Vec3| density.and_then(|d| d.modulus(p));
+            let ([cortical, trabecular, tooth], seen) =
+                self.shares(&corners, surface, teeth, &samples, &by_density);
             let mix = |f: fn(&Tissue) -> f64| {
                 cortical * f(&self.cortical)
                     + trabecular * f(&self.trabecular)
@@ -124,7 +131,7 @@ impl MaterialSpec {
             };
             let osteon = frame.along(&(corners.iter().sum::<Vec3>() * 0.25));
             let mut material = TetMaterial {
-                young_modulus: mix(|m| m.young_modulus),
+                young_modulus: seen.unwrap_or_else(|| mix(|m| m.young_modulus)),
                 poisson_ratio: mix(|m| m.poisson_ratio),
                 orthotropic: None,
                 toughness_along: mix(|m| m.toughness[0]),
@@ -159,20 +166,23 @@ impl MaterialSpec {
             .collect()
     }
 
-    /// Parts of a tetrahedron that are cortical, trabecular and tooth.
+    /// Parts of a tetrahedron that are cortical, trabecular and tooth; and its mean modulus, if that of any bone in it is known.
     fn shares(
         &self,
         corners: &[Vec3; 4],
         surface: &MeshDistance,
         teeth: &[&dyn ToothBody],
         samples: &[[f64; 4]],
-    ) -> [f64; 3] {
+        modulus: &dyn Fn(&Vec3) -> Option<f64>,
+    ) -> ([f64; 3], Option<f64>) {
         let around = Aabb::around(corners);
         let near: Vec<&&dyn ToothBody> = teeth
             .iter()
             .filter(|c| c.bounds().overlaps(&around))
             .collect();
         let mut count = [0u32; 3];
+        let of_tissue = [&self.cortical, &self.trabecular, &self.teeth].map(|t| t.young_modulus);
+        let (mut sum, mut is_known) = (0.0, false);
         for w in samples {
             let p: Vec3 = (0..4).map(|k| corners[k] * w[k]).sum();
             let tissue = if near.iter().any(|c| c.signed(&p) < 0.0) {
@@ -181,8 +191,12 @@ impl MaterialSpec {
                 usize::from(surface.signed(&p) <= -self.cortical_thickness)
             };
             count[tissue] += 1;
+            let known = if tissue == 2 { None } else { modulus(&p) };
+            sum += known.unwrap_or(of_tissue[tissue]);
+            is_known |= known.is_some();
         }
-        count.map(|n| f64::from(n) / samples.len() as f64)
+        let n = samples.len() as f64;
+        (count.map(|k| f64::from(k) / n), is_known.then_some(sum / n))
     }
 }
 

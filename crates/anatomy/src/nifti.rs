@@ -1,16 +1,16 @@
 //! NIfTI label volumes (.nii, .nii.gz), versions 1 and 2, either endianness. Header fields: nifti1.h and nifti2.h of the NIfTI
 //! Data Format Working Group.
 use crate::error::AnatomyError;
-use crate::labels::{Affine, LabelVolume, Sample, Source, check_size};
+use crate::labels::{Affine, Sample, Source, Volume, Voxel, check_size};
 use osteotome_mechanics::geometry::Vec3;
 use std::io::Read;
 use std::path::Path;
 
-/// Reads a label volume. NIfTI's axes are RAS; the volume comes back in LPS, mm.
+/// Reads a volume. NIfTI's axes are RAS; the volume comes back in LPS, mm.
 ///
 /// # Errors
-/// [`AnatomyError`] for a file that is missing, truncated, too large, without orientation, or whose voxels are no labels.
-pub fn read_nifti(path: &Path) -> Result<LabelVolume, AnatomyError> {
+/// [`AnatomyError`] for a file that is missing, truncated, too large, without orientation, or whose voxels are not what is asked for.
+pub fn read_nifti<T: Voxel>(path: &Path) -> Result<Volume<T>, AnatomyError> {
     let name = path.display().to_string();
     let mut source = Source::open(path)?;
     parse_nifti(&mut source, &name)
@@ -20,7 +20,7 @@ pub fn read_nifti(path: &Path) -> Result<LabelVolume, AnatomyError> {
 ///
 /// # Errors
 /// As [`read_nifti`].
-pub fn parse_nifti(bytes: &mut dyn Read, name: &str) -> Result<LabelVolume, AnatomyError> {
+pub fn parse_nifti<T: Voxel>(bytes: &mut dyn Read, name: &str) -> Result<Volume<T>, AnatomyError> {
     let bad = |reason: String| AnatomyError::Format {
         path: name.to_owned(),
         format: "NIfTI",
@@ -34,7 +34,7 @@ pub fn parse_nifti(bytes: &mut dyn Read, name: &str) -> Result<LabelVolume, Anat
     header.skip_to_data(bytes).map_err(bad)?;
     let scale = header.scale();
     let is_big = header.is_big;
-    LabelVolume::read(bytes, size, sample, is_big, scale, affine).map_err(bad)
+    Volume::read(bytes, size, sample, is_big, scale, affine).map_err(bad)
 }
 
 type Parsed<T> = Result<T, String>;

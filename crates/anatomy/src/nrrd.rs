@@ -1,6 +1,6 @@
 //! NRRD label volumes (.nrrd, .nhdr), raw, gzip or text. Header fields: Teem's definition of NRRD file format.
 use crate::error::AnatomyError;
-use crate::labels::{Affine, LabelVolume, Sample, Source, bounded_gunzip, check_size};
+use crate::labels::{Affine, Sample, Source, Volume, Voxel, bounded_gunzip, check_size};
 use osteotome_mechanics::geometry::Vec3;
 use rustc_hash::FxHashMap;
 use std::io::Read;
@@ -8,11 +8,11 @@ use std::path::Path;
 
 const MAX_HEADER: usize = 1 << 20;
 
-/// Reads a label volume; it comes back in LPS, mm.
+/// Reads a volume; it comes back in LPS, mm.
 ///
 /// # Errors
-/// [`AnatomyError`] for a file that is missing, truncated, too large, without orientation, or whose voxels are no labels.
-pub fn read_nrrd(path: &Path) -> Result<LabelVolume, AnatomyError> {
+/// [`AnatomyError`] for a file that is missing, truncated, too large, without orientation, or whose voxels are not what is asked for.
+pub fn read_nrrd<T: Voxel>(path: &Path) -> Result<Volume<T>, AnatomyError> {
     let name = path.display().to_string();
     let folder = path.parent().unwrap_or(Path::new(""));
     parse_nrrd(&mut Source::open(path)?, &name, folder)
@@ -22,11 +22,11 @@ pub fn read_nrrd(path: &Path) -> Result<LabelVolume, AnatomyError> {
 ///
 /// # Errors
 /// As [`read_nrrd`].
-pub fn parse_nrrd(
+pub fn parse_nrrd<T: Voxel>(
     stream: &mut dyn Read,
     name: &str,
     folder: &Path,
-) -> Result<LabelVolume, AnatomyError> {
+) -> Result<Volume<T>, AnatomyError> {
     let bad = |reason: String| AnatomyError::Format {
         path: name.to_owned(),
         format: "NRRD",
@@ -53,12 +53,12 @@ pub fn parse_nrrd(
     header.skip(stream).map_err(bad)?;
     let scale = [1.0, 0.0];
     match header.get("encoding") {
-        Some("raw") => LabelVolume::read(stream, size, sample, is_big, scale, affine),
+        Some("raw") => Volume::read(stream, size, sample, is_big, scale, affine),
         Some("gzip" | "gz") => {
             let mut unpacked = bounded_gunzip(stream);
-            LabelVolume::read(&mut unpacked, size, sample, is_big, scale, affine)
+            Volume::read(&mut unpacked, size, sample, is_big, scale, affine)
         }
-        Some("ascii" | "text" | "txt") => LabelVolume::read_text(stream, size, affine),
+        Some("ascii" | "text" | "txt") => Volume::read_text(stream, size, affine),
         other => Err(format!(
             "the encoding \"{}\" is not known; save it raw or with gzip",
             other.unwrap_or("")

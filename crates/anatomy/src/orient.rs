@@ -135,9 +135,14 @@ pub fn look(mesh: &TriMesh, name: &str) -> Result<JawFrame, AnatomyError> {
     let extent = mesh.bounds().extent();
     let is_size = |mm: f64| (EXTENTS[0]..=EXTENTS[1]).contains(&(extent.max() * mm));
     if !is_size(1.0) {
+        let is_one = |unit: &Unit| {
+            let mut scaled = mesh.clone();
+            Axes::LPS.apply(*unit, &mut scaled);
+            upright(&scaled, name).is_ok() || other_axes(&scaled, name).is_some()
+        };
         let other = [Unit::Cm, Unit::M, Unit::Inch]
             .into_iter()
-            .find(|u| is_size(u.in_mm()));
+            .find(|u| is_size(u.in_mm()) && is_one(u));
         let mend = other.map_or_else(
             || "give the bone alone, in one piece, in mm".to_owned(),
             |u| format!("it would be one in {0}; say --unit {0}", u.name()),
@@ -148,26 +153,39 @@ pub fn look(mesh: &TriMesh, name: &str) -> Result<JawFrame, AnatomyError> {
             mend,
         });
     }
-    upright(mesh, name).map_err(|error| {
-        for letters in [
-            "RAS", "LSA", "RSP", "LAI", "RPI", "LIP", "PSL", "ASR", "SLP", "SRA",
-        ] {
-            let mut turned = mesh.clone();
-            let Ok(axes) = letters.parse::<Axes>() else {
-                continue;
-            };
-            axes.apply(Unit::Mm, &mut turned);
-            if upright(&turned, name).is_ok() {
-                return AnatomyError::Axes {
-                    name: name.to_owned(),
-                    letters,
-                };
-            }
-        }
-        error
+    if extent.min() < LEAST_HEIGHT * extent.max() {
+        return Err(AnatomyError::NotAMandible {
+            name: name.to_owned(),
+            reason: "it is too flat to have rami".to_owned(),
+        });
+    }
+    upright(mesh, name).map_err(|error| match other_axes(mesh, name) {
+        Some(letters) => AnatomyError::Axes {
+            name: name.to_owned(),
+            letters,
+        },
+        None => error,
     })
 }
 
+/// Axes, other than LPS, in which the surface would lie as a mandible does.
+fn other_axes(mesh: &TriMesh, name: &str) -> Option<&'static str> {
+    let lies_right = |letters: &&str| {
+        let mut turned = mesh.clone();
+        letters.parse::<Axes>().is_ok_and(|axes| {
+            axes.apply(Unit::Mm, &mut turned);
+            upright(&turned, name).is_ok()
+        })
+    };
+    [
+        "RAS", "LSA", "RSP", "LAI", "RPI", "LIP", "PSL", "ASR", "SLP", "SRA",
+    ]
+    .into_iter()
+    .find(lies_right)
+}
+
+/// A mandible is at least so thick in its smallest extent, relative to its largest: the gums of a lower jaw are flatter (.48).
+const LEAST_HEIGHT: f64 = 0.5;
 /// At most so much of a mandible's surface lies near the midline in its hindmost half: it is open there.
 const SHARE_BETWEEN: f64 = 0.02;
 
@@ -228,6 +246,22 @@ mod tests {
             Axes::LPS.apply(unit.parse().unwrap(), &mut mesh);
             look(&mesh, "jaw.stl").unwrap();
         }
+    }
+
+    /// A tooth of 18 mm would have a mandible's size in cm; and an arch without rami is none.
+    #[test]
+    fn what_is_no_mandible_in_any_unit_is_not_called_one() {
+        let mut block = jaw();
+        block.vertices.iter_mut().for_each(|p| *p *= 0.15);
+        for p in &mut block.vertices {
+            p.x *= 0.1;
+        }
+        let text = look(&block, "molar.stl").unwrap_err().to_string();
+        assert!(text.contains("give the bone alone"), "{text}");
+        let mut arch = jaw();
+        arch.vertices.iter_mut().for_each(|p| p.z *= 0.4);
+        let text = look(&arch, "gums.stl").unwrap_err().to_string();
+        assert!(text.contains("too flat to have rami"), "{text}");
     }
 
     #[test]

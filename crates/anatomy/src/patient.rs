@@ -1,5 +1,6 @@
 //! A patient: everything about one jaw that the simulation starts from.
 use crate::canal::{Canal, read_canal};
+use crate::density::{Density, DensitySpec};
 use crate::error::AnatomyError;
 use crate::folder::PatientFolder;
 use crate::input::read_surface;
@@ -7,7 +8,7 @@ use crate::landmarks::{JawFrame, Landmarks};
 use crate::materials::MaterialSpec;
 use crate::mesher::{self, Body};
 use crate::msh::read_msh;
-use crate::osteotomy::{DEFAULT_KERF, Osteotomy, PointSpec, Side, read_osteotomy};
+use crate::osteotomy::{DEFAULT_KERF, Osteotomy, PointSpec, Side, Technique, read_osteotomy};
 use crate::parametric::{Parameters, ParametricMandible};
 use crate::point_shell::{SurfacePoint, point_shell, toothed_point_shell};
 use crate::surface::ClosedSurface;
@@ -84,8 +85,8 @@ pub enum OsteotomySource {
     File(PathBuf),
     /// Points, as a scenario gives them.
     Points(Vec<PointSpec>),
-    /// After Dal Pont, on landmarks.
-    DalPont,
+    /// By a technique, on landmarks.
+    Technique(Technique),
 }
 
 /// What a patient is made from. A side or kerf given here goes before that of an osteotomy file.
@@ -97,6 +98,8 @@ pub struct PatientSpec {
     pub mesh: MeshSource,
     /// Its tissue.
     pub material: MaterialSpec,
+    /// Stiffness by a scan's density; by depth alone without.
+    pub density: Option<DensitySpec>,
     /// The pre-sawn line.
     pub osteotomy: OsteotomySource,
     /// Side of the osteotomy; must agree with that of a file.
@@ -115,7 +118,8 @@ impl Default for PatientSpec {
             surface: SurfaceSource::Parametric(Parameters::default()),
             mesh: MeshSource::Nodes(5_000),
             material: MaterialSpec::default(),
-            osteotomy: OsteotomySource::DalPont,
+            density: None,
+            osteotomy: OsteotomySource::Technique(Technique::Hunsuck),
             side: None,
             kerf: None,
             shell_points: 100_000,
@@ -164,7 +168,7 @@ impl Patient {
         }
         progress("osteotomy", 0.1);
         let osteotomy = spec.osteotomy(&bone.name, landmarks.as_ref(), &distance)?;
-        if spec.osteotomy == OsteotomySource::DalPont {
+        if matches!(spec.osteotomy, OsteotomySource::Technique(_)) {
             let note = "the osteotomy line is placed on landmarks, not planned by a surgeon";
             bone.constructed.push(note.to_owned());
         }
@@ -173,10 +177,13 @@ impl Patient {
         progress("materials", 0.85);
         let teeth = bone.teeth(&distance)?;
         let bodies: Vec<&dyn ToothBody> = teeth.iter().map(|(_, body)| &**body).collect();
-        let materials = spec.material.assign(&mesh, &distance, &frame, &bodies)?;
+        let density = spec.scan(&mesh)?;
+        let materials =
+            (spec.material).assign(&mesh, &distance, &frame, &bodies, density.as_ref())?;
         let note =
             "bone regions go by depth under the surface; osteons follow the jaw's centre line";
         bone.constructed.push(note.to_owned());
+        bone.constructed.extend(density.map(|d| d.note()));
         progress("point shell", 0.95);
         let shell = if teeth.is_empty() {
             point_shell(&bone.surface.mesh, spec.shell_points)?
@@ -330,6 +337,21 @@ impl Bone {
 }
 
 impl PatientSpec {
+    /// The scan that gives the stiffness, if any does; it must reach all of the bone.
+    fn scan(&self, mesh: &TetMesh) -> Result<Option<Density>, AnatomyError> {
+        let Some(spec) = &self.density else {
+            return Ok(None);
+        };
+        if self.material.cortical_orthotropic.is_some() {
+            return Err(AnatomyError::Foreign {
+                path: "material.density".to_owned(),
+                what: "an isotropic stiffness, but material.cortical_orthotropic gives nine constants",
+                mend: "one of the two",
+            });
+        }
+        Density::read(spec, mesh.nodes()).map(Some)
+    }
+
     fn canals(&self, bone: &Bone) -> Result<Vec<Canal>, AnatomyError> {
         match (&self.canal, &bone.parametric, &bone.folder) {
             (Some(path), _, _) => Ok(vec![read_canal(path)?]),
@@ -366,13 +388,15 @@ impl PatientSpec {
                 };
                 Osteotomy::from_points(side, kerf, points, surface)
             }
-            OsteotomySource::DalPont => {
+            OsteotomySource::Technique(technique) => {
                 let Some(landmarks) = landmarks else {
                     return refuse(format!(
-                        "technique \"dal-pont\" needs landmarks, which {name} has not; give a file or points"
+                        "technique \"{}\" needs landmarks, which {name} has not; give a file or points",
+                        technique.name()
                     ));
                 };
-                Osteotomy::dal_pont(landmarks, self.side.unwrap_or(Side::Right), kerf, surface)
+                let side = self.side.unwrap_or(Side::Right);
+                Osteotomy::by_technique(*technique, landmarks, side, kerf, surface)
             }
         }
     }

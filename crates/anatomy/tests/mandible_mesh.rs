@@ -3,7 +3,9 @@
 //! Asked for: node count within 5 %, volume within 5 % at 600 nodes and 1 % at 5,000, no dihedral angle below 8 degrees, no
 //! inverted tetrahedron (`TetMesh` refuses those), one piece without handles, nodes near the surface (at 600 nodes within
 //! 2.2 mm: thin parts are swollen so that the lattice does not lose them), condyles meshed.
-use osteotome_anatomy::{JawFrame, Osteotomy, Parameters, ParametricMandible, Side, mesher};
+use osteotome_anatomy::{
+    JawFrame, Osteotomy, Parameters, ParametricMandible, Side, Technique, mesher,
+};
 use osteotome_mechanics::geometry::{MeshDistance, TetMesh, Vec3};
 
 fn check(parameters: Parameters, target: usize, volume_tolerance: f64, surface_tolerance: f64) {
@@ -85,7 +87,8 @@ fn graded_about_the_line() {
         (Side::Right, 6.0, 5_000, 0.8),
     ];
     for (side, ratio, target, finer) in cases {
-        let line = Osteotomy::dal_pont(&landmarks, side, 0.8, &surface).unwrap();
+        let line =
+            Osteotomy::by_technique(Technique::Hunsuck, &landmarks, side, 0.8, &surface).unwrap();
         let place = line.place();
         let even = mesher::Body::mandible(&surface, &frame);
         let body = even.clone().graded(surface.mesh(), &place, ratio, target);

@@ -1,4 +1,5 @@
 //! Patients from good and bad input: what is refused, in which words; that a patient fits together and repeats bit by bit.
+use osteotome_anatomy::density::{DensitySpec, Relation};
 use osteotome_anatomy::{
     MeshSource, OsteotomySource, Parameters, Patient, PatientSpec, Side, SurfaceSource, mesher,
     osteotomy, stl,
@@ -318,4 +319,80 @@ fn cortex_is_stiff_and_the_core_is_soft() {
     let share = (mean - e(&tissue.trabecular)) / (e(&tissue.cortical) - e(&tissue.trabecular));
     let want = cortical / inside;
     assert!((share - want).abs() < 0.02, "{share} instead of {want}");
+}
+
+/// A scan of one grey value gives all bone the relation's modulus at that density; tetrahedra with a tooth in them stay stiffer.
+#[test]
+fn stiffness_follows_a_scan_where_it_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scan.nrrd");
+    let header = "NRRD0004\ntype: short\ndimension: 3\nsizes: 60 60 60\nspace: left-posterior-superior\n\
+        space directions: (4,0,0) (0,4,0) (0,0,4)\nspace origin: (-118,-118,-118)\nendian: little\nencoding: raw\n\n";
+    let mut bytes = header.as_bytes().to_vec();
+    bytes.extend(std::iter::repeat_n(300i16.to_le_bytes(), 60 * 60 * 60).flatten());
+    std::fs::write(&path, &bytes).unwrap();
+    let density = DensitySpec {
+        scan: path.clone(),
+        relation: Relation::MorganFemoralNeck,
+        calibration: [1e-3, 0.0],
+    };
+    let spec = PatientSpec {
+        mesh: MeshSource::Nodes(300),
+        shell_points: 2000,
+        density: Some(density.clone()),
+        ..PatientSpec::default()
+    };
+    let patient = Patient::build(&spec, &mut |_, _| {}).unwrap();
+    let wanted = 6850.0 * 0.3f64.powf(1.49);
+    let is_wanted = |e: f64| (e / wanted - 1.0).abs() < 1e-9;
+    let n = patient
+        .materials
+        .iter()
+        .filter(|m| is_wanted(m.young_modulus))
+        .count();
+    assert!(
+        10 * n > 9 * patient.materials.len(),
+        "{n} of {}",
+        patient.materials.len()
+    );
+    assert!(
+        patient
+            .materials
+            .iter()
+            .all(|m| m.young_modulus > 0.999 * wanted)
+    );
+    assert!(
+        patient
+            .constructed
+            .iter()
+            .any(|c| c.contains("morgan-femoral-neck"))
+    );
+
+    let refusal = |change: &dyn Fn(&mut DensitySpec)| {
+        let mut density = density.clone();
+        change(&mut density);
+        let spec = PatientSpec {
+            density: Some(density),
+            ..spec.clone()
+        };
+        Patient::build(&spec, &mut |_, _| {})
+            .unwrap_err()
+            .to_string()
+    };
+    let text = refusal(&|d| d.calibration[0] = 0.0);
+    assert!(
+        text.starts_with("material.density.calibration.0 = 0 is outside"),
+        "{text}"
+    );
+    let text = refusal(&|d| d.scan = "scan.png".into());
+    assert!(text.contains("NIfTI") && text.contains("NRRD"), "{text}");
+    let elsewhere = header.replace("(-118,", "(20,");
+    let mut moved = elsewhere.into_bytes();
+    moved.extend_from_slice(&bytes[header.len()..]);
+    std::fs::write(&path, &moved).unwrap();
+    let text = refusal(&|_| {});
+    assert!(
+        text.contains("does not reach") && text.contains("in one frame"),
+        "{text}"
+    );
 }

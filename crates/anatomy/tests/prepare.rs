@@ -142,7 +142,7 @@ fn simulates(folder: &Path, read: &PatientFolder) {
     let with = |nodes: usize| PatientSpec {
         surface: SurfaceSource::Folder(folder.to_owned()),
         mesh: MeshSource::Nodes(nodes),
-        osteotomy: OsteotomySource::DalPont,
+        osteotomy: OsteotomySource::Technique(osteotome_anatomy::Technique::Hunsuck),
         side: Some(Side::Left),
         shell_points: 5_000,
         ..PatientSpec::default()

@@ -47,6 +47,11 @@ impl RecordedHand {
         self.poses.len() - self.next
     }
 
+    /// The pose read last.
+    pub fn pose(&self) -> Pose {
+        self.poses[self.next.saturating_sub(1)].0
+    }
+
     /// The wrench displayed last.
     pub fn displayed(&self) -> Wrench {
         self.displayed

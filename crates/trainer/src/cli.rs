@@ -5,6 +5,7 @@ use crate::devices;
 use crate::fracture;
 use crate::picture::{StereoMode, View};
 use crate::prepare_command;
+use crate::profiles;
 use crate::render_command;
 use crate::report_command;
 use crate::scenario::Override;
@@ -48,6 +49,8 @@ enum Command {
     Check(CheckArgs),
     /// Plays a recorded session
     Replay(ReplayArgs),
+    /// Who trains here: a history of sessions under a chosen name
+    Profiles(ProfilesArgs),
     /// The debrief of recorded sessions, as one page that works offline
     Report(ReportArgs),
     /// A picture or a film of a recorded session
@@ -91,10 +94,17 @@ pub struct DemoArgs {
 #[derive(Args)]
 pub struct RunArgs {
     /// The scenario (TOML)
-    pub scenario: PathBuf,
-    /// Who leads the hands: builtin, or a recorded session
-    #[arg(long, value_name = "builtin|FILE.mcap", default_value = "builtin")]
-    pub input: PathBuf,
+    #[arg(required_unless_present = "from", conflicts_with = "from")]
+    pub scenario: Option<PathBuf>,
+    /// Goes on live from a moment of a recorded session, which is recomputed up to there
+    #[arg(long, value_name = "SESSION.mcap", requires = "at", conflicts_with_all = ["seed", "set"])]
+    pub from: Option<PathBuf>,
+    /// That moment \[s\]
+    #[arg(long, value_name = "S", requires = "from")]
+    pub at: Option<f64>,
+    /// Who leads the hands: builtin (also the default), or a recorded session
+    #[arg(long, value_name = "builtin|FILE.mcap")]
+    pub input: Option<PathBuf>,
     /// Against the clock on three threads, or from one thread and repeatable to the last bit
     #[arg(long, value_enum, default_value_t = Mode::Lockstep)]
     pub mode: Mode,
@@ -107,6 +117,9 @@ pub struct RunArgs {
     /// Session folder; an earlier session there is replaced
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Takes the session into the history of this profile
+    #[arg(long, value_name = "NAME")]
+    pub profile: Option<String>,
     /// Prints the figures as one JSON object and nothing else
     #[arg(long)]
     pub json: bool,
@@ -231,6 +244,47 @@ pub struct ReplayArgs {
     /// Writes the recomputed session there
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+}
+
+/// Arguments of `profiles`.
+#[derive(Args)]
+pub struct ProfilesArgs {
+    /// What is to be done
+    #[command(subcommand)]
+    pub task: ProfilesTask,
+}
+
+/// What can be done with profiles.
+#[derive(Subcommand)]
+pub enum ProfilesTask {
+    /// All of them
+    List,
+    /// Makes one
+    Add {
+        /// Any name of up to 40 characters
+        name: String,
+    },
+    /// Its sessions with their scores
+    Show {
+        /// Whose
+        name: String,
+    },
+    /// Its sessions with all figures, for other programs
+    Export {
+        /// Whose
+        name: String,
+        /// The file: CSV if it is called so, else JSON
+        #[arg(short, value_name = "FILE.json|FILE.csv")]
+        output: PathBuf,
+    },
+    /// Removes it with its history for good; session folders stay
+    Delete {
+        /// Which
+        name: String,
+        /// Only this session, by its number
+        #[arg(long, value_name = "N")]
+        session: Option<i64>,
+    },
 }
 
 /// Arguments of `report`.
@@ -407,6 +461,7 @@ pub fn main() -> ExitCode {
         Command::Prepare(args) => prepare_command::prepare_patient(&args),
         Command::Check(args) => commands::check(&args),
         Command::Replay(args) => commands::replay(&args),
+        Command::Profiles(args) => profiles::profiles(&args),
         Command::Report(args) => report_command::report(&args),
         Command::Render(args) => render_command::render(&args),
         Command::Fracture(args) => fracture::fracture(&args),

@@ -1,21 +1,26 @@
 //! What the commands do.
 use crate::cli::{CheckArgs, DemoArgs, Failure, Mode, ReplayArgs, RunArgs};
 use crate::debrief::{Figures, Findings, Score, Subject, page};
-use crate::engine::{self, Prepared};
-use crate::input::{Input, open_devices};
-use crate::loops::{Control, Sink, lockstep, realtime_under};
+use crate::engine::{self, Engine, EngineUnderway, Prepared};
+use crate::input::{Input, Leader, open_devices};
+use crate::loops::{self, Control, Sink, lockstep_on, realtime_on};
 use crate::picture::{self, write_pictures};
+use crate::planning::Planning;
 use crate::prepare_command::check_patient;
+use crate::profiles::{self, Store};
+use crate::retry::{Moment, Recomputing, Schedule, recompute};
 use crate::scenario::{self, Override, Scenario, Source};
 use crate::session::{
-    BoneSample, CrackMesh, GrowthSample, HapticSample, Loop, MainSample, Metrics, MetricsDocument,
-    Outcome, Pace, Recorder, Recording, SESSION, ScenarioMessage, SessionFolder, StepTime,
-    write_crack, write_final_bone,
+    BoneSample, CrackMesh, GrowthSample, HandSample, HapticSample, Loop, MainSample, Metrics,
+    MetricsDocument, Outcome, Pace, Recorder, Recording, SESSION, ScenarioMessage, Seen,
+    SessionFolder, StepTime, Wire, write_crack, write_final_bone,
 };
+use crate::step_times::StepTimes;
 use crate::talk::{self, Progress};
 use crate::verify::Comparison;
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
 use osteotome_devices::{Binding, LinkedDevice};
+use osteotome_mechanics::geometry::Pose;
 use osteotome_render::Renderer;
 use std::path::{Path, PathBuf};
 
@@ -31,7 +36,15 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failure> {
     notes.iter().for_each(|note| talk::say(note));
     let prepared = prepare(&scenario)?;
     let input = live(&scenario, &prepared, devices)?;
-    let ended = session(&scenario, &prepared, input, Mode::Realtime, &args.out)?;
+    let plan = Plan {
+        scenario: &scenario,
+        prepared: &prepared,
+        mode: Mode::Realtime,
+        out: &args.out,
+        from: None,
+        earlier: &[],
+    };
+    let ended = session(&plan, input)?;
     tell(&ended, &args.out);
     if ended.outcome.time.is_some() {
         Ok(())
@@ -43,8 +56,99 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failure> {
     }
 }
 
-/// `run`: any scenario, any input, either mode.
+/// `run`: any scenario, any input, either mode; or on from a moment of a recording.
 pub fn run(args: &RunArgs) -> Result<(), Failure> {
+    let given = given(args)?;
+    let profile = args.profile.as_deref().map(History::open);
+    let mut profile = profile.transpose().map_err(Failure::Input)?;
+    SessionFolder::check(&args.out, &SESSION).map_err(Failure::Input)?;
+    let hands = match args.input.as_deref() {
+        Some(path) if path != Path::new("builtin") => Some(recorded(path)?),
+        _ => None,
+    };
+    let (mut scenario, from) = given;
+    let devices = if hands.is_none() {
+        users_devices(&mut scenario, args)?
+    } else {
+        [None, None]
+    };
+    if let Some(moment) = &from {
+        moment.check_devices(&scenario).map_err(Failure::Input)?;
+    }
+    let prepared = match (&from, &args.from) {
+        (Some(moment), Some(path)) => prepare_recorded(&moment.recording, path)?,
+        _ => prepare(&scenario)?,
+    };
+    let input = match (&from, &hands) {
+        (None, None) => live(&scenario, &prepared, devices)?,
+        (None, Some(hands)) => Input::recorded(&scenario, hands).map_err(Failure::Input)?,
+        (Some(moment), hands) => resumed(moment, &scenario, &prepared, devices, hands.as_ref())?,
+    };
+    let plan = Plan {
+        scenario: &scenario,
+        prepared: &prepared,
+        mode: args.mode,
+        out: &args.out,
+        from: from.as_ref(),
+        earlier: profile.as_ref().map_or(&[], |p| &p.earlier),
+    };
+    let ended = session(&plan, input)?;
+    // A session is worth keeping without its history.
+    if let Some(profile) = &mut profile
+        && let Err(error) = profile.take_in(&scenario.name, &args.out, &ended)
+    {
+        talk::complain(&error);
+    }
+    if args.json {
+        talk::say(&json(&ended.document).map_err(Failure::Work)?);
+    } else {
+        tell(&ended, &args.out);
+    }
+    Ok(())
+}
+
+/// The profile that a session goes into.
+pub struct History {
+    store: Store,
+    name: String,
+    /// What is known of its sessions.
+    pub earlier: Vec<Figures>,
+}
+
+impl History {
+    /// A profile's.
+    pub fn open(name: &str) -> Result<Self> {
+        let mut store = profiles::store()?;
+        Ok(Self {
+            earlier: profiles::figures(&mut store, name)?,
+            name: name.to_owned(),
+            store,
+        })
+    }
+
+    /// Takes in a session that has ended.
+    pub fn take_in(&mut self, scenario: &str, folder: &Path, ended: &Ended) -> Result<()> {
+        let Some(figures) = &ended.figures else {
+            return Ok(());
+        };
+        profiles::add_to(&mut self.store, &self.name, scenario, folder, figures)
+    }
+}
+
+/// Scenario, and the moment to go on from.
+fn given(args: &RunArgs) -> Result<(Scenario, Option<Moment>), Failure> {
+    if let (Some(path), Some(at)) = (&args.from, args.at) {
+        let moment = Moment::read(path, at).map_err(Failure::Input)?;
+        let mut scenario = moment.scenario().clone();
+        scenario.max_time = args.max_time.unwrap_or(scenario.max_time);
+        if scenario.max_time <= moment.time() {
+            return Err(Failure::Input(anyhow!(
+                "the session would end at {} s, before it goes on at {at} s; give a larger --max-time",
+                scenario.max_time
+            )));
+        }
+        return Ok((scenario, Some(moment)));
+    }
     let mut overrides = args.set.clone();
     let extra = [
         args.seed.map(|seed| format!("seed={seed}")),
@@ -53,30 +157,44 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     for text in extra.into_iter().flatten() {
         overrides.push(text.parse().map_err(Failure::Input)?);
     }
-    let mut scenario = load(&Source::File(args.scenario.clone()), &overrides)?;
-    SessionFolder::check(&args.out, &SESSION).map_err(Failure::Input)?;
-    let recording = if args.input == Path::new("builtin") {
-        None
+    // The command line sees to it that there is one.
+    let file = args.scenario.clone().unwrap_or_default();
+    Ok((load(&Source::File(file), &overrides)?, None))
+}
+
+/// Both hands of a recording.
+fn recorded(path: &Path) -> Result<[Vec<HandSample>; 2], Failure> {
+    let recording = Recording::read(path).map_err(Failure::Input)?;
+    Ok(recording.hands)
+}
+
+/// The recorded hands up to the moment, then those of another recording, or the surgeon's and the user's.
+fn resumed(
+    moment: &Moment,
+    scenario: &Scenario,
+    prepared: &Prepared,
+    devices: [Option<LinkedDevice>; 2],
+    hands: Option<&[Vec<HandSample>; 2]>,
+) -> Result<Input, Failure> {
+    let before = &moment.recording.hands;
+    let n = moment.steps as usize;
+    let input = if let Some(after) = hands {
+        let join = |i: usize| {
+            let rest = after[i].get(n..).unwrap_or_default();
+            [&before[i][..n], rest].concat()
+        };
+        Input::recorded(scenario, &[join(0), join(1)])
     } else {
-        Some(Recording::read(&args.input).map_err(Failure::Input)?)
+        let leaders = devices.map(|d| d.map_or(Leader::Surgeon, |d| Leader::Device(Box::new(d))));
+        Input::resumed(
+            scenario,
+            prepared.line.clone(),
+            leaders,
+            before,
+            moment.steps,
+        )
     };
-    let devices = if recording.is_none() {
-        users_devices(&mut scenario, args)?
-    } else {
-        [None, None]
-    };
-    let prepared = prepare(&scenario)?;
-    let input = match &recording {
-        Some(recording) => Input::recorded(&scenario, &recording.hands).map_err(Failure::Input)?,
-        None => live(&scenario, &prepared, devices)?,
-    };
-    let ended = session(&scenario, &prepared, input, args.mode, &args.out)?;
-    if args.json {
-        talk::say(&json(&ended.document).map_err(Failure::Work)?);
-    } else {
-        tell(&ended, &args.out);
-    }
-    Ok(())
+    input.map_err(Failure::Input)
 }
 
 /// Physical devices live by the clock.
@@ -132,48 +250,79 @@ pub fn check(args: &CheckArgs) -> Result<(), Failure> {
     for note in &p.constructed {
         talk::say(&format!("Constructed, not measured: {note}."));
     }
+    let review = Planning::new(&prepared, &scenario).review().clone();
+    for finding in review.faults.iter().chain(&review.remarks) {
+        talk::say(&format!("Osteotomy: {finding}."));
+    }
     Ok(())
 }
 
 /// `replay`: the figures of a recording, recomputed on demand.
 pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
-    let recording = Recording::read(&args.session).map_err(Failure::Input)?;
+    let whole = Moment::end(&args.session).map_err(Failure::Input)?;
+    let recording = &whole.recording;
     if !args.verify && args.out.is_none() {
-        talk::say(&talk::summary(&recorded_figures(&recording).outcome()));
+        talk::say(&talk::summary(&recorded_figures(recording).outcome()));
         return Ok(());
     }
-    let scenario = recording.scenario.scenario.clone();
-    let prepared = prepare_recorded(&recording, &args.session)?;
-    let input = || Input::recorded(&scenario, &recording.hands).map_err(Failure::Input);
+    let scenario = whole.scenario();
+    let prepared = prepare_recorded(recording, &args.session)?;
+    let input = || Input::recorded(scenario, &recording.hands).map_err(Failure::Input);
     if let Some(out) = &args.out {
         SessionFolder::check(out, &SESSION).map_err(Failure::Input)?;
-        let ended = session(&scenario, &prepared, input()?, Mode::Lockstep, out)?;
+        let plan = Plan {
+            scenario,
+            prepared: &prepared,
+            mode: Mode::Lockstep,
+            out,
+            from: Some(&whole),
+            earlier: &[],
+        };
+        let ended = session(&plan, input()?)?;
         tell(&ended, out);
     }
     if args.verify {
-        verify(&recording, &prepared, input()?)?;
+        verify(recording, &prepared, input()?)?;
     }
     Ok(())
 }
 
-/// Recomputes a recording in lockstep and says how far it is off. One made in lockstep must agree to the last bit.
-fn verify(recording: &Recording, prepared: &Prepared, mut input: Input) -> Result<(), Failure> {
-    let scenario = &recording.scenario.scenario;
-    let start = recording.start();
-    let engine = engine::connect(prepared, scenario, start).map_err(Failure::Input)?;
-    let mut comparison = Comparison::new(recording);
-    let mut bar = Progress::new("Replaying", millis(recording.seconds(scenario)));
+fn verify(recording: &Recording, prepared: &Prepared, input: Input) -> Result<(), Failure> {
+    let seconds = recording.seconds(&recording.scenario.scenario);
+    let mut bar = Progress::new("Replaying", millis(seconds));
     let mut progress = |time: f64, _: bool| bar.set(millis(time), format!("{time:.1} s"));
-    input.rewind();
-    lockstep(engine, input, scenario, &mut comparison, &mut progress).map_err(Failure::Work)?;
+    let report = verified(recording, prepared, input, &mut progress);
     bar.done();
-    talk::say(&comparison.report());
-    if recording.scenario.mode == Mode::Lockstep.name() && !comparison.is_exact() {
+    talk::say(&report?);
+    Ok(())
+}
+
+/// Recomputes a recording and says how far it is off. Where it is known what its steps read of each other, it must agree to the last
+/// bit.
+pub fn verified(
+    recording: &Recording,
+    prepared: &Prepared,
+    input: Input,
+    progress: loops::Progress,
+) -> Result<String, Failure> {
+    let schedule = Schedule::of(recording);
+    let mut comparison = Comparison::new(recording, &schedule);
+    let what = Recomputing {
+        recording,
+        schedule: &schedule,
+        steps: recording.hands[0].len() as u64,
+        control: Control::default(),
+    };
+    let scenario = &recording.scenario.scenario;
+    recompute(&what, prepared, scenario, input, &mut comparison, progress)
+        .map_err(Failure::Work)?;
+    let report = comparison.report();
+    if schedule.is_known() && !comparison.is_exact() {
         return Err(Failure::Work(anyhow!(
-            "the recording was made in lockstep, but recomputing it gives something else"
+            "{report} That is beyond the bound of 0: this build computes something else than the one that recorded it"
         )));
     }
-    Ok(())
+    Ok(report)
 }
 
 fn load(source: &Source, overrides: &[Override]) -> Result<Scenario, Failure> {
@@ -222,6 +371,8 @@ pub struct Ended {
     outcome: Outcome,
     document: MetricsDocument,
     score: Option<Score>,
+    /// What a history keeps of it.
+    pub figures: Option<Figures>,
     /// Where its pictures were drawn.
     drawn_on: Option<String>,
 }
@@ -238,16 +389,14 @@ fn tell(ended: &Ended, out: &Path) {
 }
 
 /// Runs a session before a terminal and leaves its folder.
-fn session(
-    scenario: &Scenario,
-    prepared: &Prepared,
-    input: Input,
-    mode: Mode,
-    out: &Path,
-) -> Result<Ended, Failure> {
+fn session(plan: &Plan, input: Input) -> Result<Ended, Failure> {
+    let scenario = plan.scenario;
     let mut bar = Progress::new(&scenario.name, millis(scenario.max_time));
     let mut drawing = Progress::new("Drawing", 1000);
     let mut progress = |advance: Advance| match advance {
+        Advance::Recomputing { time, of } => {
+            bar.set(millis(time), format!("recomputing {time:.1} of {of:.1} s"));
+        }
         Advance::Running { time, is_severed } => {
             let word = if is_severed { ", split" } else { "" };
             bar.set(millis(time), format!("{time:.1} s{word}"));
@@ -264,7 +413,7 @@ fn session(
         progress: &mut progress,
         draws: true,
     };
-    let ended = keep_session(scenario, prepared, input, mode, out, &mut watch);
+    let ended = keep_session(plan, input, &mut watch);
     bar.done();
     drawing.done();
     ended
@@ -273,6 +422,13 @@ fn session(
 /// How far a session has come.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Advance {
+    /// What was recorded before the moment that it goes on from is computed anew.
+    Recomputing {
+        /// Simulated time \[s\].
+        time: f64,
+        /// The moment \[s\].
+        of: f64,
+    },
     /// It runs.
     Running {
         /// Simulated time \[s\].
@@ -302,7 +458,7 @@ pub struct Watch<'a> {
 }
 
 /// Nobody looks.
-struct Unseen;
+pub struct Unseen;
 
 impl Sink for Unseen {
     fn haptic(&mut self, _: &HapticSample) -> Result<()> {
@@ -323,8 +479,8 @@ impl Sink for Unseen {
     fn pace(&mut self, _: Loop, _: Pace) {}
 }
 
-/// The recorder, and who looks on beside it.
-struct Both<'a>(&'a mut Recorder, &'a mut dyn Sink);
+/// The recorder, and who looks on beside it and before it.
+struct Both<'a>(&'a mut dyn Sink, &'a mut dyn Sink);
 
 impl Sink for Both<'_> {
     fn haptic(&mut self, sample: &HapticSample) -> Result<()> {
@@ -347,6 +503,10 @@ impl Sink for Both<'_> {
         self.1.timing(sample, grew)?;
         self.0.timing(sample, grew)
     }
+    fn seen(&mut self, time: f64, of: Loop, seen: Seen) -> Result<()> {
+        self.1.seen(time, of, seen)?;
+        self.0.seen(time, of, seen)
+    }
     fn event(&mut self, time: f64, event: &str) -> Result<()> {
         self.1.event(time, event)?;
         self.0.event(time, event)
@@ -357,34 +517,113 @@ impl Sink for Both<'_> {
     }
 }
 
+/// A session to be run.
+pub struct Plan<'a> {
+    /// What.
+    pub scenario: &'a Scenario,
+    /// On whose bone.
+    pub prepared: &'a Prepared,
+    /// How it is driven.
+    pub mode: Mode,
+    /// Its folder.
+    pub out: &'a Path,
+    /// The moment that it goes on from.
+    pub from: Option<&'a Moment>,
+    /// Earlier sessions of whoever trains, for the learning curve.
+    pub earlier: &'a [Figures],
+}
+
+impl Plan<'_> {
+    fn first_message(&self, start: [Pose; 2]) -> ScenarioMessage {
+        ScenarioMessage {
+            scenario: self.scenario.clone(),
+            patient_digest: self.prepared.digest.clone(),
+            mode: self.mode.name().to_owned(),
+            start: Some(start.map(|p| p.to_wire())),
+            retried: self.from.map(Moment::origin),
+        }
+    }
+
+    /// The session between two steps: before its first one, or at the moment that it goes on from.
+    fn begin(
+        &self,
+        start: [Pose; 2],
+        input: Input,
+        sink: &mut Both,
+        control: &Control,
+        watch: &mut dyn FnMut(Advance),
+    ) -> Result<EngineUnderway> {
+        let Some(moment) = self.from else {
+            let parts = engine::connect(self.prepared, self.scenario, start)?;
+            return EngineUnderway::begin(parts, input, self.scenario, sink);
+        };
+        let schedule = Schedule::of(&moment.recording);
+        let mut comparison = Comparison::new(&moment.recording, &schedule);
+        let what = Recomputing {
+            recording: &moment.recording,
+            schedule: &schedule,
+            steps: moment.steps,
+            control: control.clone(),
+        };
+        let of = moment.time();
+        let mut progress = |time: f64, _: bool| watch(Advance::Recomputing { time, of });
+        let (underway, made) = recompute(
+            &what,
+            self.prepared,
+            self.scenario,
+            input,
+            &mut Both(sink, &mut comparison),
+            &mut progress,
+        )?;
+        let deviation = comparison.deviation();
+        if control.is_stopped() {
+            bail!("it was ended before the moment that it should go on from");
+        }
+        if made < moment.steps {
+            bail!(
+                "the recording breaks off; it can be gone on from up to {:.3} s",
+                made as f64 * self.scenario.loops.dt()
+            );
+        }
+        let from = &moment.origin().session_sha256[..12];
+        sink.event(
+            of,
+            &format!("on from {of:.3} s of session {from}, recomputed {deviation}"),
+        )?;
+        Ok(underway)
+    }
+}
+
 /// Runs a session and leaves its folder.
-pub fn keep_session(
-    scenario: &Scenario,
-    prepared: &Prepared,
-    mut input: Input,
-    mode: Mode,
-    out: &Path,
-    watch: &mut Watch,
-) -> Result<Ended, Failure> {
-    let start = input.read().map(|r| r.pose);
-    input.rewind();
-    let engine = engine::connect(prepared, scenario, start).map_err(Failure::Input)?;
-    let folder = SessionFolder::create(out, &SESSION).map_err(Failure::Input)?;
-    let first = ScenarioMessage {
-        scenario: scenario.clone(),
-        patient_digest: prepared.digest.clone(),
-        mode: mode.name().to_owned(),
+pub fn keep_session(plan: &Plan, mut input: Input, watch: &mut Watch) -> Result<Ended, Failure> {
+    let Plan {
+        scenario,
+        prepared,
+        mode,
+        out,
+        from,
+        ..
+    } = *plan;
+    let start = match from {
+        Some(moment) => moment.recording.start(),
+        None => input.read().map(|r| r.pose),
     };
+    input.rewind();
+    // Numbers that the mechanics refuses are wrong input.
+    engine::connect(prepared, scenario, start).map_err(Failure::Input)?;
+    let folder = SessionFolder::create(out, &SESSION).map_err(Failure::Input)?;
+    let first = plan.first_message(start);
     let work = || -> Result<Ended> {
         let mut recorder = Recorder::create(folder.path(), &first)?;
         let mut sink = Both(&mut recorder, watch.sink);
+        let underway = plan.begin(start, input, &mut sink, &watch.control, watch.progress)?;
         let mut progress =
             |time: f64, is_severed: bool| (watch.progress)(Advance::Running { time, is_severed });
         let engine = match mode {
-            Mode::Lockstep => lockstep(engine, input, scenario, &mut sink, &mut progress)?,
+            Mode::Lockstep => lockstep_on(underway, scenario, &mut sink, &mut progress)?,
             Mode::Realtime => {
                 let control = &watch.control;
-                realtime_under(control, engine, input, scenario, &mut sink, &mut progress)?
+                realtime_on(control, underway, scenario, &mut sink, &mut progress)?
             }
         };
         if let Some(crack) = recorder.last_growth() {
@@ -404,13 +643,12 @@ pub fn keep_session(
             outcome: metrics.outcome(),
             document: metrics.document(),
             score: None,
+            figures: None,
             drawn_on: None,
             metrics,
         };
         // A session is worth keeping without its debrief.
-        if watch.draws
-            && let Err(error) = look_back(prepared, &folder, &mut ended, watch.progress)
-        {
+        if let Err(error) = look_back(plan, &engine, &folder, &mut ended, watch) {
             talk::complain(&error);
         }
         folder.write("metrics.json", &json(&ended.document)?)?;
@@ -435,29 +673,44 @@ fn keep(folder: SessionFolder, error: anyhow::Error) -> anyhow::Error {
     }
 }
 
-/// What the recording that `folder` holds says: figures, page, pictures.
+/// What the recording that `folder` holds says: figures, and where pictures are wanted page and pictures.
 fn look_back(
-    prepared: &Prepared,
+    plan: &Plan,
+    engine: &Engine,
     folder: &SessionFolder,
     ended: &mut Ended,
-    watch: &mut dyn FnMut(Advance),
+    watch: &mut Watch,
 ) -> Result<()> {
+    let prepared = plan.prepared;
     let recording = Recording::read(&folder.path().join("session.mcap"))?;
     let findings = Findings::of(prepared, &recording).context("the debrief")?;
     let score = findings.score(&recording);
     ended.document.complete(&findings, score.clone());
     let figures = Figures::of(&recording.scenario.scenario.name, &findings, &score);
-    let subject = Subject {
-        prepared,
-        recording: &recording,
-        findings: &findings,
-        score: &score,
-        figures: &figures,
-    };
-    let html = page(&subject, None, &[]).context("the debrief page")?;
-    folder.write("report.html", &html)?;
+    let mut times = StepTimes::default();
+    let tools = engine::tools_among(prepared, plan.scenario)?;
+    times.contact(engine, &tools, &recording.hands);
+    times.growths(prepared, &recording)?;
+    if watch.draws {
+        let subject = Subject {
+            prepared,
+            recording: &recording,
+            findings: &findings,
+            score: &score,
+            figures: &figures,
+        };
+        let mut curve = plan.earlier.to_vec();
+        if !curve.is_empty() {
+            curve.push(figures.clone());
+        }
+        let html = page(&subject, None, &curve).context("the debrief page")?;
+        folder.write("report.html", &html)?;
+        let drawn = pictures(prepared, folder.path(), &recording, &mut times, watch)?;
+        ended.drawn_on = Some(drawn);
+    }
+    ended.document.time_steps(&times);
     ended.score = Some(score);
-    ended.drawn_on = Some(pictures(prepared, folder.path(), &recording, watch)?);
+    ended.figures = Some(figures);
     Ok(())
 }
 
@@ -466,14 +719,16 @@ fn pictures(
     prepared: &Prepared,
     folder: &Path,
     recording: &Recording,
-    watch: &mut dyn FnMut(Advance),
+    times: &mut StepTimes,
+    watch: &mut Watch,
 ) -> Result<String> {
-    let mut progress = |done: usize, of: usize| watch(Advance::Drawing { done, of });
+    let mut progress = |done: usize, of: usize| (watch.progress)(Advance::Drawing { done, of });
     let mut stage = picture::Stage::new(prepared, recording)?;
     let mut renderer = Renderer::fastest();
     let pictures = folder.join("pictures");
     write_pictures(&mut stage, &mut renderer, &pictures, &mut progress)
         .context("the pictures of the session")?;
+    times.views(&mut stage, &mut renderer)?;
     Ok(renderer.place())
 }
 

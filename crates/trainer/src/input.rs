@@ -6,8 +6,8 @@ use crate::surgeon::{BuiltInSurgeon, CrackView, Sight, SplitLine};
 use anyhow::{Result, bail};
 use nalgebra::UnitQuaternion;
 use osteotome_devices::{
-    Binding, HapticDevice, LinkedDevice, OperatedDevice, Reading, RecordedHand, SimulatedHand,
-    Wrench,
+    Binding, DeviceFault, HandParameters, HapticDevice, LinkedDevice, OperatedDevice, Reading,
+    RecordedHand, SimulatedHand, Wrench,
 };
 use osteotome_mechanics::geometry::{Pose, Vec3};
 
@@ -17,6 +17,24 @@ pub enum Input {
     Live(Box<Live>),
     /// Two recorded hands.
     Recorded(Box<[RecordedHand; 2]>),
+    /// Two recorded hands up to a moment, others from then on.
+    Resumed(Box<Resumed>),
+}
+
+/// Recorded hands that others take over from.
+///
+/// The surgeon is led along: where the recording is its own, it is at the moment in the very state that it was in, and goes on to
+/// the last bit. A hand whose leader is elsewhere than the recording begins at rest where the recorded one is, with what it
+/// feels ramped in.
+pub struct Resumed {
+    recorded: [RecordedHand; 2],
+    live: Live,
+    /// Recorded steps left.
+    left: u64,
+    /// Whether the surgeon's own hand has been where the recorded one was, all along.
+    is_own: [bool; 2],
+    remakes: [HandParameters; 2],
+    dt: f64,
 }
 
 /// The surgeon, both hands, and what they felt last.
@@ -48,12 +66,34 @@ pub enum Leader {
 /// A simulated hand that goes where it is told, no faster than a hand does: a mouse moves by leaps.
 struct Guided {
     hand: SimulatedHand,
-    told: Subscribed<Pose>,
+    told: Told,
     target: Pose,
     dt: f64,
+    /// Share of the wrench that the hand feels.
+    ramp: f64,
+}
+
+/// Where a guided hand is to go.
+enum Told {
+    /// Says a user.
+    Heard(Subscribed<Pose>),
+    /// Says the surgeon.
+    Surgeon(Pose),
+}
+
+impl Told {
+    fn read(&mut self) -> Pose {
+        match self {
+            Self::Heard(told) => *told.read(),
+            Self::Surgeon(pose) => *pose,
+        }
+    }
 }
 
 impl Guided {
+    /// From no wrench to all of it after another has led the hand \[s\].
+    const RAMP: f64 = 0.5;
+
     /// \[mm/s\]
     const SPEED: f64 = 80.0;
     /// \[rad/s\]
@@ -62,7 +102,7 @@ impl Guided {
     const LAG: f64 = 0.03;
 
     fn step(&mut self) {
-        let told = *self.told.read();
+        let told = self.told.read();
         let share = self.dt / Self::LAG;
         let way = (told.translation.vector - self.target.translation.vector) * share;
         self.target.translation.vector += way.cap_magnitude(Self::SPEED * self.dt);
@@ -71,6 +111,15 @@ impl Guided {
         self.target.rotation = turn * self.target.rotation;
         self.target.rotation.renormalize();
         self.hand.follow(self.target);
+    }
+
+    fn write(&mut self, wrench: &Wrench) -> Result<(), DeviceFault> {
+        let felt = Wrench {
+            force: wrench.force * self.ramp,
+            torque: wrench.torque * self.ramp,
+        };
+        self.ramp = (self.ramp + self.dt / Self::RAMP).min(1.0);
+        self.hand.write(&felt)
     }
 }
 
@@ -160,34 +209,33 @@ impl Input {
     /// # Errors
     /// As [`live`](Self::live).
     pub fn led(scenario: &Scenario, line: SplitLine, leaders: [Leader; 2]) -> Result<Self> {
-        let surgeon = BuiltInSurgeon::new(scenario, line);
-        let start = surgeon.targets();
-        let dt = scenario.loops.dt();
-        let hand = |i: usize, leader: Leader| -> Result<Hand> {
-            let tool = &scenario.tool[i];
-            let simulated = || SimulatedHand::new(tool.hand_parameters(), start[i], dt);
-            Ok(match leader {
-                Leader::Surgeon => Hand::Simulated(simulated()?),
-                Leader::Device(device) => {
-                    let workspace = workspace(&tool.workspace, start[i]);
-                    let operated = OperatedDevice::new(device, workspace, dt);
-                    Hand::Operated(operated)
-                }
-                Leader::Guide(told) => Hand::Guided(Guided {
-                    hand: simulated()?,
-                    told,
-                    target: start[i],
-                    dt,
-                }),
-            })
-        };
-        let [left, right] = leaders;
-        Ok(Self::Live(Box::new(Live {
-            hands: [hand(0, left)?, hand(1, right)?],
-            surgeon,
-            felt: [Wrench::default(); 2],
-            seen: start,
-            is_paused: false,
+        let live = Live::new(scenario, line, leaders, None)?;
+        Ok(Self::Live(Box::new(live)))
+    }
+
+    /// The recorded hands for so many steps, then each hand led by whom it is given, from where it is.
+    ///
+    /// # Errors
+    /// As [`live`](Self::live), and [`recorded`](Self::recorded).
+    pub fn resumed(
+        scenario: &Scenario,
+        line: SplitLine,
+        leaders: [Leader; 2],
+        hands: &[Vec<HandSample>; 2],
+        steps: u64,
+    ) -> Result<Self> {
+        let n = (steps as usize).clamp(1, hands[0].len().max(1));
+        let until = [0, 1].map(|i| hands[i].get(..n).unwrap_or_default());
+        let recorded = recorded_hands(scenario, until)?;
+        let at = [0, 1].map(|i| until[i][n - 1].device_pose);
+        let live = Live::new(scenario, line, leaders, Some(at))?;
+        Ok(Self::Resumed(Box::new(Resumed {
+            recorded,
+            live,
+            left: n as u64,
+            is_own: [true; 2],
+            remakes: [0, 1].map(|i| scenario.tool[i].hand_parameters()),
+            dt: scenario.loops.dt(),
         })))
     }
 
@@ -204,27 +252,27 @@ impl Input {
     /// # Errors
     /// An empty recording.
     pub fn recorded(scenario: &Scenario, hands: &[Vec<HandSample>; 2]) -> Result<Self> {
-        let hand = |i: usize| {
-            let poses = hands[i]
-                .iter()
-                .map(|h| (h.device_pose, h.device_buttons))
-                .collect();
-            let device = scenario.tool[i].hand_parameters().specification();
-            RecordedHand::new(poses, scenario.loops.dt(), device)
-        };
-        Ok(Self::Recorded(Box::new([hand(0)?, hand(1)?])))
+        let hands = recorded_hands(scenario, hands.each_ref().map(Vec::as_slice))?;
+        Ok(Self::Recorded(Box::new(hands)))
     }
 
     /// Goes back to the first recorded pose, after a look at it. The surgeon's hands do not move by being read.
     pub fn rewind(&mut self) {
-        if let Self::Recorded(hands) = self {
-            hands.iter_mut().for_each(RecordedHand::rewind);
+        match self {
+            Self::Recorded(hands) => hands.iter_mut().for_each(RecordedHand::rewind),
+            Self::Resumed(r) => r.recorded.iter_mut().for_each(RecordedHand::rewind),
+            Self::Live(_) => {}
         }
     }
 
     /// Lets the hands' owner look at the crack and the moving line, and decide.
     pub fn plan(&mut self, crack: &CrackView, line: &[Vec3]) {
-        let Self::Live(live) = self else { return };
+        let live = match self {
+            Self::Recorded(_) => return,
+            Self::Resumed(r) if r.left > 0 => return r.live.decide(crack, line),
+            Self::Resumed(r) => &mut r.live,
+            Self::Live(live) => live,
+        };
         if live.is_paused {
             return;
         }
@@ -233,16 +281,7 @@ impl Input {
                 guided.step();
             }
         }
-        if live.is_users() {
-            return;
-        }
-        let tools = &live.seen;
-        live.surgeon.step(&Sight { crack, tools, line }, &live.felt);
-        for (hand, target) in live.hands.iter_mut().zip(live.surgeon.targets()) {
-            if let Hand::Simulated(hand) = hand {
-                hand.follow(target);
-            }
-        }
+        live.decide(crack, line);
     }
 
     /// Reads both devices, left first.
@@ -250,6 +289,8 @@ impl Input {
         match self {
             Self::Live(live) => live.read(),
             Self::Recorded(hands) => hands.each_mut().map(HapticDevice::read),
+            Self::Resumed(r) if r.left > 0 => r.recorded.each_mut().map(HapticDevice::read),
+            Self::Resumed(r) => r.live.read(),
         }
     }
 
@@ -257,6 +298,8 @@ impl Input {
     pub fn write(&mut self, wrenches: &[Wrench; 2], tools: &[Pose; 2]) -> u32 {
         match self {
             Self::Live(live) => live.write(wrenches, tools),
+            Self::Resumed(r) if r.left > 0 => r.write(wrenches, tools),
+            Self::Resumed(r) => r.live.write(wrenches, tools),
             Self::Recorded(hands) => {
                 let refused = hands
                     .iter_mut()
@@ -269,7 +312,7 @@ impl Input {
 
     /// A tick while time stands still: devices display zero, and their hands are let go.
     pub fn rest(&mut self) {
-        let Self::Live(live) = self else { return };
+        let Some(live) = self.people() else { return };
         for hand in &mut live.hands {
             if let Hand::Operated(device) = hand {
                 device.poll();
@@ -280,18 +323,29 @@ impl Input {
         }
     }
 
+    fn people(&mut self) -> Option<&mut Live> {
+        match self {
+            Self::Live(live) => Some(live),
+            Self::Resumed(r) => Some(&mut r.live),
+            Self::Recorded(_) => None,
+        }
+    }
+
     /// Whether nothing more will come. A user goes on to the end of the scenario's time.
     pub fn is_finished(&self) -> bool {
         match self {
-            Self::Live(live) => !live.is_users() && live.surgeon.is_done(),
+            Self::Live(live) => live.is_done(),
+            Self::Resumed(r) => r.left == 0 && r.live.is_done(),
             Self::Recorded(hands) => hands.iter().all(|h| h.n_left() == 0),
         }
     }
 
     /// Pauses and resumptions so far.
     pub fn events(&self) -> Vec<String> {
-        let Self::Live(live) = self else {
-            return Vec::new();
+        let live = match self {
+            Self::Live(live) => live,
+            Self::Resumed(r) => &r.live,
+            Self::Recorded(_) => return Vec::new(),
         };
         let of = |(name, hand): (&str, &Hand)| {
             let events = match hand {
@@ -312,9 +366,128 @@ impl Input {
     }
 }
 
+fn recorded_hands(scenario: &Scenario, hands: [&[HandSample]; 2]) -> Result<[RecordedHand; 2]> {
+    let hand = |i: usize| {
+        let poses = hands[i].iter();
+        let poses = poses.map(|h| (h.device_pose, h.device_buttons)).collect();
+        let device = scenario.tool[i].hand_parameters().specification();
+        RecordedHand::new(poses, scenario.loops.dt(), device)
+    };
+    Ok([hand(0)?, hand(1)?])
+}
+
+impl Resumed {
+    /// What a recorded step has shown; after the last of them, the others take over.
+    fn write(&mut self, wrenches: &[Wrench; 2], tools: &[Pose; 2]) -> u32 {
+        let live = &mut self.live;
+        (live.felt, live.seen) = (*wrenches, *tools);
+        let mut refused = 0;
+        for (i, hand) in live.hands.iter_mut().enumerate() {
+            refused += u32::from(self.recorded[i].write(&wrenches[i]).is_err());
+            if let Hand::Simulated(hand) = hand {
+                self.is_own[i] &= hand.read().pose == self.recorded[i].pose();
+                // What it refuses has been counted.
+                let _ = hand.write(&wrenches[i]);
+            }
+        }
+        self.left -= 1;
+        if self.left == 0 {
+            self.take_over();
+        }
+        refused
+    }
+
+    fn take_over(&mut self) {
+        for (i, hand) in self.live.hands.iter_mut().enumerate() {
+            let at = self.recorded[i].pose();
+            let parameters = self.remakes[i].clone();
+            let is_elsewhere = matches!(hand, Hand::Simulated(_)) && !self.is_own[i];
+            // The parameters were good for the hand that it replaces.
+            if is_elsewhere && let Ok(remade) = SimulatedHand::new(parameters, at, self.dt) {
+                *hand = Hand::Guided(Guided {
+                    hand: remade,
+                    told: Told::Surgeon(at),
+                    target: at,
+                    dt: self.dt,
+                    ramp: 0.0,
+                });
+            }
+        }
+    }
+}
+
 impl Live {
+    /// `at`: where the user's hands begin, if others have led them there.
+    fn new(
+        scenario: &Scenario,
+        line: SplitLine,
+        leaders: [Leader; 2],
+        at: Option<[Pose; 2]>,
+    ) -> Result<Self> {
+        let surgeon = BuiltInSurgeon::new(scenario, line);
+        let start = surgeon.targets();
+        let places = at.unwrap_or(start);
+        let ramp = if at.is_some() { 0.0 } else { 1.0 };
+        let dt = scenario.loops.dt();
+        let hand = |i: usize, leader: Leader| -> Result<Hand> {
+            let tool = &scenario.tool[i];
+            let simulated = |at: Pose| SimulatedHand::new(tool.hand_parameters(), at, dt);
+            Ok(match leader {
+                Leader::Surgeon => Hand::Simulated(simulated(start[i])?),
+                Leader::Device(device) => {
+                    let workspace = workspace(&tool.workspace, places[i]);
+                    let operated = OperatedDevice::new(device, workspace, dt);
+                    Hand::Operated(operated)
+                }
+                Leader::Guide(told) => Hand::Guided(Guided {
+                    hand: simulated(places[i])?,
+                    told: Told::Heard(told),
+                    target: places[i],
+                    dt,
+                    ramp,
+                }),
+            })
+        };
+        let [left, right] = leaders;
+        Ok(Self {
+            hands: [hand(0, left)?, hand(1, right)?],
+            surgeon,
+            felt: [Wrench::default(); 2],
+            seen: start,
+            is_paused: false,
+        })
+    }
+
+    /// The surgeon looks and decides, and its hands follow.
+    fn decide(&mut self, crack: &CrackView, line: &[Vec3]) {
+        if self.is_users() {
+            return;
+        }
+        let tools = &self.seen;
+        self.surgeon.step(&Sight { crack, tools, line }, &self.felt);
+        for (hand, target) in self.hands.iter_mut().zip(self.surgeon.targets()) {
+            match hand {
+                Hand::Simulated(hand) => hand.follow(target),
+                Hand::Guided(Guided {
+                    told: Told::Surgeon(told),
+                    ..
+                }) => *told = target,
+                Hand::Guided(_) | Hand::Operated(_) => {}
+            }
+        }
+    }
+
     fn is_users(&self) -> bool {
-        !self.hands.iter().any(|h| matches!(h, Hand::Simulated(_)))
+        let is_surgeons = |h: &Hand| match h {
+            Hand::Simulated(_) => true,
+            Hand::Guided(guided) => matches!(guided.told, Told::Surgeon(_)),
+            Hand::Operated(_) => false,
+        };
+        !self.hands.iter().any(is_surgeons)
+    }
+
+    fn is_done(&self) -> bool {
+        !self.is_users() && self.surgeon.is_done()
     }
 
     fn read(&mut self) -> [Reading; 2] {
@@ -341,9 +514,8 @@ impl Live {
             // Other faults are polled with the next reading; the device displays zero meanwhile.
             let _ = match hand {
                 Hand::Operated(device) => device.write(wrench),
-                Hand::Simulated(hand) | Hand::Guided(Guided { hand, .. }) if !self.is_paused => {
-                    hand.write(wrench)
-                }
+                Hand::Simulated(hand) if !self.is_paused => hand.write(wrench),
+                Hand::Guided(guided) if !self.is_paused => guided.write(wrench),
                 Hand::Simulated(_) | Hand::Guided(_) => Ok(()),
             };
         }
@@ -505,6 +677,61 @@ mod tests {
         let miss = (before.translation.vector - goal.translation.vector).norm();
         assert!(miss < 0.01, "{miss} mm off");
         assert!(!input.is_finished());
+    }
+
+    /// A recording of `n` steps along x at 10 mm/s, away from where the surgeon's hands are.
+    fn recorded(n: u32) -> [Vec<HandSample>; 2] {
+        let sample = |k: u32| HandSample {
+            device_pose: Pose::translation(f64::from(k) * 0.01, 5.0, 40.0),
+            device_buttons: 0,
+            tool_pose: Pose::translation(f64::from(k) * 0.01, 5.0, 40.0),
+            wrench: Wrench::default(),
+            saturated: false,
+            contacts: 0,
+        };
+        [0, 1].map(|_| (0..n).map(sample).collect())
+    }
+
+    #[test]
+    fn a_hand_taken_over_begins_where_it_is_and_feels_its_load_by_and_by() {
+        let scenario = scenario("seed=1");
+        let hands = recorded(100);
+        let end = hands[0][99].device_pose;
+        let (_told, hears) = crate::loops::latest(&end);
+        let leaders = [Leader::Guide(hears), Leader::Surgeon];
+        let mut input = Input::resumed(&scenario, line(), leaders, &hands, 100).unwrap();
+        let load = Wrench {
+            force: Vec3::new(2.0, 0.0, 0.0),
+            torque: Vec3::zeros(),
+        };
+        let mut step = || {
+            input.plan(&crack(), &[]);
+            let poses = input.read().map(|r| r.pose);
+            input.write(&[load; 2], &poses);
+            poses
+        };
+        for (k, sample) in hands[0].iter().enumerate() {
+            assert_eq!(step()[0], sample.device_pose, "step {k}");
+        }
+        let way = |p: &Pose| (p.translation.vector - end.translation.vector).norm();
+        let mut before = [end; 2];
+        let mut after_30_ms = 0.0;
+        for k in 0..2000 {
+            let poses = step();
+            for i in 0..2 {
+                let moved = poses[i].translation.vector - before[i].translation.vector;
+                assert!(moved.norm() < 0.12, "hand {i} leaps by {} mm", moved.norm());
+            }
+            if k == 30 {
+                after_30_ms = way(&poses[0]);
+            }
+            before = poses;
+        }
+        // 2 N on 500 N/m; a thirtieth of a second is a fifteenth of the ramp.
+        assert!((way(&before[0]) - 4.0).abs() < 1e-6, "{}", way(&before[0]));
+        assert!(after_30_ms < 0.2, "{after_30_ms} mm at once");
+        // The surgeon's hand has gone to where the surgeon is.
+        assert!(way(&before[1]) > 10.0);
     }
 
     #[test]

@@ -74,7 +74,7 @@ fn look(path: &Path, bone: Option<Rc<Prepared>>) -> Result<Looked, Failure> {
 }
 
 /// The file appears whole or not at all.
-fn write_whole(path: &Path, text: &str) -> Result<()> {
+pub fn write_whole(path: &Path, text: &str) -> Result<()> {
     let mut partial = path.as_os_str().to_owned();
     partial.push(".partial");
     let write = || {

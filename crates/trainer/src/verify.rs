@@ -1,5 +1,6 @@
 //! A recomputed session held against its recording.
 use crate::loops::Sink;
+use crate::retry::Schedule;
 use crate::session::{
     GrowthSample, HandSample, HapticSample, Loop, MainSample, Pace, Recording, StepTime,
 };
@@ -14,15 +15,12 @@ pub struct Comparison<'a> {
     main: usize,
     growth: usize,
     different: Vec<String>,
+    why_inexact: Option<String>,
 }
 
-/// What may be expected of a session against the clock.
-const TOLERANCE: &str = "Recorded in real time: its loops read each other's states at moments that lockstep does not repeat, so the \
-    deviation has no bound, least of all once the crack has grown otherwise. The recording itself is exact: replay, render and report work from it.";
-
 impl<'a> Comparison<'a> {
-    /// Nothing compared yet.
-    pub fn new(recording: &'a Recording) -> Self {
+    /// Nothing compared yet. The deviation is bounded by 0 where the schedule is known, and not at all otherwise.
+    pub fn new(recording: &'a Recording, schedule: &Schedule) -> Self {
         Self {
             recording,
             worst: [0.0; 4],
@@ -30,6 +28,7 @@ impl<'a> Comparison<'a> {
             main: 0,
             growth: 0,
             different: vec![],
+            why_inexact: schedule.why_unknown().map(str::to_owned),
         }
     }
 
@@ -46,10 +45,26 @@ impl<'a> Comparison<'a> {
         ]
     }
 
-    /// Whether nothing differs by as much as a bit.
+    /// Whether nothing differs by as much as a bit. What a recording that breaks off lacks is no difference.
     pub fn is_exact(&self) -> bool {
+        let is_whole = !self.recording.is_cut_short;
         let same = self.counts().iter().all(|(_, now, before)| now == before);
-        same && self.different.is_empty() && self.worst == [0.0; 4]
+        (same || !is_whole) && self.is_exact_so_far()
+    }
+
+    fn is_exact_so_far(&self) -> bool {
+        self.different.is_empty() && self.worst == [0.0; 4]
+    }
+
+    /// What was compared until now, in words.
+    pub fn deviation(&self) -> String {
+        let [position, rotation, force, torque] = self.worst;
+        if self.is_exact_so_far() {
+            return "to the last bit".to_owned();
+        }
+        format!(
+            "with tools up to {position:e} mm, {rotation:e} rad and what is displayed {force:e} N, {torque:e} N mm off"
+        )
     }
 
     /// In words.
@@ -72,9 +87,13 @@ impl<'a> Comparison<'a> {
         }
         if self.is_exact() {
             lines.push("Identical to the last bit.".to_owned());
-        } else if self.recording.scenario.mode == "realtime" {
-            lines.push(TOLERANCE.to_owned());
         }
+        lines.push(match &self.why_inexact {
+            None => "Bound: 0, the recording says what each step read of the other loops.".to_owned(),
+            Some(why) => format!(
+                "No bound: {why}. The recording itself is exact: replay, render and report work from it."
+            ),
+        });
         lines.join("\n")
     }
 }

@@ -297,3 +297,70 @@ fn a_place_that_cannot_be_written_is_named() {
     }
     assert!(!folder.path().join("page.html").exists());
 }
+
+#[test]
+fn a_profile_keeps_a_history_until_it_is_deleted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let profiles = |args: &[&str]| {
+        let mut command = Command::new(PROGRAM);
+        command.current_dir(folder.path()).args(args);
+        command
+            .env("OSTEOTOME_DATA", "data")
+            .output()
+            .expect("the program starts")
+    };
+    let good = |args: &[&str]| {
+        let output = profiles(args);
+        assert!(
+            output.status.success(),
+            "{args:?}: {}",
+            text(&output.stderr)
+        );
+        text(&output.stdout)
+    };
+    let run = [
+        "run",
+        &scenario(),
+        "--max-time",
+        "0.1",
+        "--out",
+        "out",
+        "--profile",
+        "Ada",
+    ];
+    let nobody = profiles(&run);
+    assert_eq!(nobody.status.code(), Some(2));
+    assert!(
+        text(&nobody.stderr).contains("no profile Ada"),
+        "{}",
+        text(&nobody.stderr)
+    );
+    assert!(
+        !folder.path().join("out").exists(),
+        "refused before it began"
+    );
+    good(&["profiles", "add", "Ada"]);
+    good(&run);
+    let shown = good(&["profiles", "show", "ada"]);
+    assert!(shown.contains("out") && shown.contains('%'), "{shown}");
+    for file in ["ada.csv", "ada.json"] {
+        good(&["profiles", "export", "Ada", "-o", file]);
+    }
+    let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).expect("readable");
+    assert_eq!(read("ada.csv").lines().count(), 2);
+    let json: serde_json::Value = serde_json::from_str(&read("ada.json")).expect("JSON");
+    assert_eq!(json["sessions"][0]["folder"], "out");
+    // A database that is gone wrong costs the history, not the session.
+    std::fs::write(folder.path().join("data/profiles.sqlite"), [7; 5000]).expect("writable");
+    let damaged = profiles(&["profiles", "list"]);
+    assert_eq!(damaged.status.code(), Some(2));
+    let told = text(&damaged.stderr);
+    assert!(
+        told.contains("damaged") && told.lines().count() == 1,
+        "{told}"
+    );
+    std::fs::remove_file(folder.path().join("data/profiles.sqlite")).expect("there");
+    good(&["profiles", "add", "Ada"]);
+    good(&["profiles", "delete", "Ada"]);
+    assert!(good(&["profiles", "list"]).contains("no profile yet"));
+}

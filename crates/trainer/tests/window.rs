@@ -1,4 +1,5 @@
-//! The window: what it says without a display, and under Xvfb a trainee's session by clicks and keys, looked at by its pixels.
+//! The window: what it says without a display, and under Xvfb a trainee's session by clicks and keys, and a line planned, looked at
+//! by its pixels.
 #![allow(clippy::print_stderr)] // a skipped test says so
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -129,9 +130,11 @@ impl Stage {
         command.arg("--rehearse").arg(self.path("script"));
         command.arg("--out").arg(self.path("sessions"));
         command
+            .current_dir(self.folder.path())
             .env("DISPLAY", &self.display.name)
             .env("XDG_RUNTIME_DIR", self.folder.path())
             .env("LIBGL_ALWAYS_SOFTWARE", "1")
+            .env("OSTEOTOME_DATA", self.path("data"))
             .env("OSTEOTOME_CONFIG", self.path("config"));
         let output = command.output().unwrap();
         let told = String::from_utf8_lossy(&output.stderr);
@@ -313,4 +316,115 @@ fn keys_and_mouse_lead_the_chisels_and_what_they_meet_is_felt() {
     }
     let kept = std::fs::read_to_string(stage.path("config/window.toml")).unwrap();
     assert!(kept.contains("hands = [\"mouse\", \"mouse\"]"), "{kept}");
+}
+
+/// Look back at a session, go on from a moment of it, and find both in the trainee's history.
+#[test]
+fn a_session_is_looked_back_at_gone_on_from_and_remembered() {
+    let Some(stage) = Stage::open("profile = \"Ada\"\n") else {
+        return;
+    };
+    let mut add = osteotome();
+    add.args(["profiles", "add", "Ada"]);
+    let added = add.env("OSTEOTOME_DATA", stage.path("data")).output();
+    assert!(added.unwrap().status.success());
+    stage.rehearse(
+        "wait Ready
+         size 1500 980
+         wait to the canal
+         click Start
+         wait Running
+         rest 2
+         click End
+         wait Look at the bone
+         click Look back
+         wait Re-try from here
+         click Play
+         rest 1
+         click Halt
+         rest 3
+         shot back.png
+         click Re-try from here
+         wait Paused
+         click Go on
+         wait Running
+         rest 1
+         click End
+         wait Look at the bone
+         click Look at the bone
+         click History
+         wait History of Ada
+         rest 1
+         shot history.png
+         click Close
+         gone History of Ada
+         quit",
+    );
+    let read = |name: &str| {
+        let path = stage.path("sessions").join(name).join("session.mcap");
+        osteotome::session::Recording::read(&path).unwrap()
+    };
+    let [first, second] = ["0001-bsso-right-side", "0002-bsso-right-side"].map(read);
+    let origin = second.scenario.retried.unwrap();
+    let n = origin.steps as usize;
+    assert!(n > 0 && n < first.hands[0].len() && n < second.hands[0].len());
+    for i in 0..2 {
+        let begins = format!("{:?}", &second.hands[i][..n]);
+        assert_eq!(begins, format!("{:?}", &first.hands[i][..n]));
+    }
+    let mut show = osteotome();
+    show.args(["profiles", "show", "Ada"]);
+    let shown = show.env("OSTEOTOME_DATA", stage.path("data")).output();
+    let shown = String::from_utf8(shown.unwrap().stdout).unwrap();
+    for session in ["0001-bsso-right-side", "0002-bsso-right-side"] {
+        assert!(shown.contains(session), "{shown}");
+    }
+}
+
+/// The planner: techniques, the other side, a point dragged, and a scenario saved that the window goes over to.
+#[test]
+fn a_line_is_planned_dragged_and_saved_as_a_scenario() {
+    let Some(stage) = Stage::open("is_transparent = true\n") else {
+        return;
+    };
+    stage.rehearse(
+        "wait Ready
+         rest 4
+         shot before.png
+         click Plan the line
+         wait The line is sound
+         rest 2
+         shot plan.png
+         click Obwegeser
+         wait Obwegeser's line
+         rest 1
+         shot obwegeser.png
+         click Mirror to the other side
+         wait Mirrored
+         click Hunsuck
+         wait Hunsuck's line
+         rest 1
+         shot left.png
+         click Save scenario
+         gone Osteotomy planner
+         wait Saved
+         quit",
+    );
+    let [before, plan, obwegeser, left] =
+        ["before", "plan", "obwegeser", "left"].map(|n| stage.shot(&format!("{n}.png")));
+    for (what, a, b) in [
+        ("the planner", &before, &plan),
+        ("another technique", &plan, &obwegeser),
+        ("the other side", &obwegeser, &left),
+    ] {
+        let n = n_different(&a.scene(), &b.scene());
+        assert!(n > 300, "{what} changed {n} pixels");
+    }
+    let text = std::fs::read_to_string(stage.path("planned.toml")).unwrap();
+    let saved: toml::Table = text.parse().unwrap();
+    assert_eq!(saved["osteotomy"]["side"].as_str(), Some("left"));
+    let line = std::fs::read_to_string(stage.path("planned.osteotomy.json")).unwrap();
+    let line: serde_json::Value = serde_json::from_str(&line).unwrap();
+    assert_eq!(line["side"], "left");
+    assert!(line["points"].as_array().unwrap().len() > 30);
 }

@@ -1,4 +1,7 @@
-use super::dense::{add_columns, dot, subtract_dots, subtract_product, view, view_mut};
+use super::dense::{
+    Double, Precision, Single, Stored, add_columns, dot, subtract_dots, subtract_product, view,
+    view_mut,
+};
 use super::factor::{Factor, FactorError, Path};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{
@@ -25,7 +28,7 @@ pub struct Bordered {
 struct Batch {
     path: Path,
     /// W, packed along the path.
-    w: Vec<f64>,
+    w: Stored,
     /// Border columns before this batch, and in it.
     before: usize,
     m: usize,
@@ -54,10 +57,24 @@ pub struct SolveScratch {
 /// Unknowns between which solves are wanted: where forces act, and where displacements are read.
 #[derive(Clone, Debug, Default)]
 pub struct Region {
+    unknowns: Vec<u32>,
     path: Path,
+    /// What is not on it.
+    rest: Path,
+    share: f64,
 }
 
 impl Region {
+    /// Share of the base's values that a solve in this region passes through.
+    pub fn share(&self) -> f64 {
+        self.share
+    }
+
+    /// The unknowns asked for, ascending.
+    pub fn unknowns(&self) -> &[u32] {
+        &self.unknowns
+    }
+
     /// Unknowns of the base that a solve in this region passes through.
     pub fn n_rows(&self) -> usize {
         self.path.n_rows()
@@ -77,9 +94,21 @@ pub struct HalfSolved {
 /// L^-1 b of the whole bordered factor for one right-hand side b. Half-solved columns can be added to it before the sweep down.
 #[derive(Clone, Debug, Default)]
 pub struct Swept {
-    /// In places of L.
-    y: Vec<f64>,
-    border: Vec<f64>,
+    /// In places of L, then the border's.
+    values: Vec<f64>,
+}
+
+impl Swept {
+    /// What is linear in the right-hand side: sums of these for several belong to the sum of those.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// Takes over such values.
+    pub fn set(&mut self, values: &[f64]) {
+        self.values.clear();
+        self.values.extend_from_slice(values);
+    }
 }
 
 /// Most columns in a batch: enough for dense products, few enough that their paths have most in common (48 and 96 are a
@@ -137,7 +166,7 @@ impl Bordered {
         }
         for b in &self.batches {
             let columns = &mut s[m * b.before..m * (b.before + b.m)];
-            subtract_common(columns, m, (&path, &w, m), (&b.path, &b.w, b.m));
+            subtract_common(columns, m, (&path, &w, m), (&b.path, b.w.double(), b.m));
         }
         subtract_common(&mut s[m * before..], m, (&path, &w, m), (&path, &w, m));
         self.forward_border(&mut s, m);
@@ -155,7 +184,7 @@ impl Bordered {
         .map_err(|_| FactorError::NotPositiveDefinite)?;
         self.batches.push(Arc::new(Batch {
             path,
-            w,
+            w: Stored::new(w),
             before,
             m,
             rows: s,
@@ -217,9 +246,16 @@ impl Bordered {
 
     /// The region of the given unknowns; the border is always part of it.
     pub fn region(&self, unknowns: impl IntoIterator<Item = u32>) -> Region {
+        let mut unknowns: Vec<u32> = unknowns.into_iter().collect();
+        unknowns.sort_unstable();
+        unknowns.dedup();
         let in_base = |i: &u32| (*i as usize) < self.base.n();
+        let path = self.base.path(unknowns.iter().copied().filter(in_base));
         Region {
-            path: self.base.path(unknowns.into_iter().filter(in_base)),
+            share: self.base.n_values_on(&path) as f64 / self.base.n_values().max(1) as f64,
+            rest: self.base.rest(&path),
+            path,
+            unknowns,
         }
     }
 
@@ -233,26 +269,44 @@ impl Bordered {
         let path = &region.path;
         let packed = &mut packed[..path.n_rows()];
         self.base.place_all(path, u, y);
-        self.base.forward(path, y, below);
+        self.base.forward::<Double>(path, y, below);
         // Off the path the right-hand side is zero and the result is not wanted: W's rows there are passed over.
         self.base.gather(path, y, packed);
         for b in &self.batches {
             let own = &mut a[b.before..b.before + b.m];
             for (i, j, n) in path.common(&b.path) {
-                subtract_dots(own, &b.w[j..], b.path.n_rows(), &packed[i..i + n]);
+                subtract_dots(own, &b.w.double()[j..], b.path.n_rows(), &packed[i..i + n]);
             }
         }
-        self.solve_border(a);
+        self.border_up(a);
+        self.down_region::<Double>(path, y, a, below, packed);
+        self.base.take_all(path, y, u);
+    }
+
+    /// (y, a) <- L^-T (y, a) as far as `path` goes, y in places of L.
+    fn down_region<P: Precision>(
+        &self,
+        path: &Path,
+        y: &mut [f64],
+        a: &mut [f64],
+        below: &mut [f64],
+        packed: &mut [f64],
+    ) {
+        self.border_down(a);
         packed.fill(0.0);
         for b in &self.batches {
             let own = &a[b.before..b.before + b.m];
             for (i, j, n) in path.common(&b.path) {
-                add_columns(&mut packed[i..i + n], &b.w[j..], b.path.n_rows(), own);
+                add_columns(
+                    &mut packed[i..i + n],
+                    &P::of(&b.w)[j..],
+                    b.path.n_rows(),
+                    own,
+                );
             }
         }
         self.base.scatter_subtract(path, packed, y);
-        self.base.backward(path, y, below);
-        self.base.take_all(path, y, u);
+        self.base.backward::<P>(path, y, below);
     }
 
     fn solve_one(&self, x: &mut [f64], scratch: &mut SolveScratch) {
@@ -264,24 +318,36 @@ impl Bordered {
             whole: path,
         } = scratch;
         self.base.place_all(path, u, y);
-        self.up(path, y, a, below, packed);
-        self.down(path, y, a, below, packed);
+        self.up::<Double>(path, y, a, below, packed);
+        self.down::<Double>(path, y, a, below, packed);
         self.base.take_all(path, y, u);
     }
 
     /// (y, a) <- L^-1 (y, a) of the whole factor, y in places of L.
-    fn up(&self, path: &Path, y: &mut [f64], a: &mut [f64], below: &mut [f64], packed: &mut [f64]) {
-        self.base.forward(path, y, below);
+    fn up<P: Precision>(
+        &self,
+        path: &Path,
+        y: &mut [f64],
+        a: &mut [f64],
+        below: &mut [f64],
+        packed: &mut [f64],
+    ) {
+        self.base.forward::<P>(path, y, below);
         for b in &self.batches {
             let packed = &mut packed[..b.path.n_rows()];
             self.base.gather(&b.path, y, packed);
-            subtract_dots(&mut a[b.before..b.before + b.m], &b.w, packed.len(), packed);
+            subtract_dots(
+                &mut a[b.before..b.before + b.m],
+                P::of(&b.w),
+                packed.len(),
+                packed,
+            );
         }
         self.border_up(a);
     }
 
     /// (y, a) <- L^-T (y, a) of the whole factor, y in places of L.
-    fn down(
+    fn down<P: Precision>(
         &self,
         path: &Path,
         y: &mut [f64],
@@ -293,30 +359,76 @@ impl Bordered {
         for b in &self.batches {
             let packed = &mut packed[..b.path.n_rows()];
             packed.fill(0.0);
-            add_columns(packed, &b.w, packed.len(), &a[b.before..b.before + b.m]);
+            add_columns(
+                packed,
+                P::of(&b.w),
+                packed.len(),
+                &a[b.before..b.before + b.m],
+            );
             self.base.scatter_subtract(&b.path, packed, y);
         }
-        self.base.backward(path, y, below);
+        self.base.backward::<P>(path, y, below);
     }
 
     /// The forward half of a solve: `swept` becomes L^-1 b.
     pub fn sweep_up(&self, b: &[f64], swept: &mut Swept, scratch: &mut SolveScratch) {
-        let (u, a) = b.split_at(self.base.n());
-        swept.y.resize(self.base.n(), 0.0);
-        swept.border.clear();
-        swept.border.extend_from_slice(a);
+        swept.set(b);
+        let (y, a) = swept.values.split_at_mut(self.base.n());
         let SolveScratch {
             below,
             packed,
             whole,
             ..
         } = scratch;
-        self.base.place_all(whole, u, &mut swept.y);
-        self.up(whole, &mut swept.y, &mut swept.border, below, packed);
+        self.base.place_all(whole, &b[..y.len()], y);
+        self.up::<Single>(whole, y, a, below, packed);
     }
 
     /// The backward half of a solve: x = L^-T `swept`, which is used up.
     pub fn sweep_down(&self, swept: &mut Swept, x: &mut [f64], scratch: &mut SolveScratch) {
+        let (u, a) = x.split_at_mut(self.base.n());
+        let (y, border) = swept.values.split_at_mut(u.len());
+        let SolveScratch {
+            below,
+            packed,
+            whole,
+            ..
+        } = scratch;
+        self.down::<Single>(whole, y, border, below, packed);
+        self.base.take_all(whole, y, u);
+        a.copy_from_slice(border);
+    }
+
+    /// As [`sweep_down`](Self::sweep_down), but only in a region: what lies outside it in `x` keeps its value. `swept` is kept.
+    pub fn sweep_down_region(
+        &self,
+        region: &Region,
+        swept: &Swept,
+        x: &mut [f64],
+        scratch: &mut SolveScratch,
+    ) {
+        let (u, a) = x.split_at_mut(self.base.n());
+        let SolveScratch {
+            y, below, packed, ..
+        } = scratch;
+        let path = &region.path;
+        let (kept, border) = swept.values.split_at(u.len());
+        a.copy_from_slice(border);
+        self.base.copy(path, kept, y);
+        let packed = &mut packed[..path.n_rows()];
+        self.down_region::<Single>(path, y, a, below, packed);
+        self.base.take_all(path, y, u);
+    }
+
+    /// Completes what [`sweep_down_region`](Self::sweep_down_region) left out, from what it wrote to `x`; `swept` must be the same,
+    /// and is used up.
+    pub fn sweep_down_rest(
+        &self,
+        region: &Region,
+        swept: &mut Swept,
+        x: &mut [f64],
+        scratch: &mut SolveScratch,
+    ) {
         let (u, a) = x.split_at_mut(self.base.n());
         let SolveScratch {
             below,
@@ -324,9 +436,21 @@ impl Bordered {
             whole,
             ..
         } = scratch;
-        self.down(whole, &mut swept.y, &mut swept.border, below, packed);
-        self.base.take_all(whole, &swept.y, u);
-        a.copy_from_slice(&swept.border);
+        let (y, _) = swept.values.split_at_mut(u.len());
+        for b in &self.batches {
+            let packed = &mut packed[..b.path.n_rows()];
+            packed.fill(0.0);
+            add_columns(
+                packed,
+                Single::of(&b.w),
+                packed.len(),
+                &a[b.before..b.before + b.m],
+            );
+            self.base.scatter_subtract(&b.path, packed, y);
+        }
+        self.base.place_all(&region.path, u, y);
+        self.base.backward::<Single>(&region.rest, y, below);
+        self.base.take_all(whole, y, u);
     }
 
     /// swept += H q for half-solved columns H.
@@ -334,12 +458,10 @@ impl Bordered {
         let n_rows = half.path.n_rows();
         let mut sum = vec![0.0; n_rows];
         add_columns(&mut sum, &half.base, n_rows, q);
-        self.base.scatter_add(&half.path, &sum, &mut swept.y);
-        for (a, row) in swept
-            .border
-            .iter_mut()
-            .zip(half.border.chunks_exact(half.m.max(1)))
-        {
+        let (y, border) = swept.values.split_at_mut(self.base.n());
+        self.base.scatter_add(&half.path, &sum, y);
+        let rows = half.border.chunks_exact(half.m.max(1));
+        for (a, row) in border.iter_mut().zip(rows) {
             *a += dot(row, q);
         }
     }
@@ -348,18 +470,13 @@ impl Bordered {
     pub fn project(&self, half: &HalfSolved, swept: &Swept) -> Vec<f64> {
         let n_rows = half.path.n_rows();
         let mut packed = vec![0.0; n_rows];
-        self.base.gather(&half.path, &swept.y, &mut packed);
+        let (y, border) = swept.values.split_at(self.base.n());
+        self.base.gather(&half.path, y, &mut packed);
         let mut p = vec![0.0; half.m];
         subtract_dots(&mut p, &half.base, n_rows, &packed);
         p.iter_mut().for_each(|v| *v = -*v);
-        add_columns(&mut p, &half.border, half.m, &swept.border[..half.n_border]);
+        add_columns(&mut p, &half.border, half.m, &border[..half.n_border]);
         p
-    }
-
-    /// a <- S^-1 a.
-    fn solve_border(&self, a: &mut [f64]) {
-        self.border_up(a);
-        self.border_down(a);
     }
 
     /// a <- L_S^-1 a.
@@ -411,7 +528,7 @@ impl Bordered {
         }
         for b in &self.batches {
             let own = &mut border[m * b.before..m * (b.before + b.m)];
-            subtract_common(own, m, (&path, &base, m), (&b.path, &b.w, b.m));
+            subtract_common(own, m, (&path, &base, m), (&b.path, b.w.double(), b.m));
         }
         self.forward_border(&mut border, m);
         HalfSolved {
@@ -567,6 +684,18 @@ mod tests {
         for i in [3, 50, 125, 190] {
             assert!((x[i] - exact[i]).abs() < 1e-14);
         }
+        let (mut swept, mut scratch) = (Swept::default(), factor.scratch());
+        factor.sweep_up(b.as_slice(), &mut swept, &mut scratch);
+        let mut near = vec![0.0; 210];
+        factor.sweep_down_region(&region, &swept, &mut near, &mut scratch);
+        let mut x = vec![0.0; 210];
+        factor.sweep_down(&mut swept, &mut x, &mut scratch);
+        let apart = |i: usize, near: &[f64]| (near[i] - x[i]).abs();
+        let unknowns = region.unknowns().iter();
+        assert!(unknowns.clone().all(|i| apart(*i as usize, &near) < 1e-15));
+        factor.sweep_up(b.as_slice(), &mut swept, &mut scratch);
+        factor.sweep_down_rest(&region, &mut swept, &mut near, &mut scratch);
+        assert!((0..210).all(|i| apart(i, &near) < 1e-15));
     }
 
     #[test]

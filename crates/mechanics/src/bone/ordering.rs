@@ -1,13 +1,18 @@
 //! The order of elimination: nested dissection by planes.
 //!
-//! Bodies are cut in two across their longest axis where the fewest nodes lie between the halves, those nodes come last, and
-//! so on with each half (George 1973). On slender bodies that leaves less fill than minimum degree, and what matters as much
+//! Bodies are cut in two across their longest axis where the fewest nodes hold the halves together (a least vertex cover of the edges
+//! between them, Koenig 1931), those nodes come last, and so on with each half (George 1973); small parts are put in order by minimum
+//! degree. On slender bodies that leaves little more fill than minimum degree for all, and what matters as much
 //! here: short paths up the elimination tree, which is all that an appended column or a local solve passes through.
 use crate::geometry::Vec3;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::sparse::SymbolicSparseColMatRef;
+use faer::sparse::linalg::amd;
 use nalgebra::Matrix3;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// A part of this many blocks or fewer is not cut further.
-const LEAF: usize = 24;
+const LEAF: usize = 100;
 /// How many places of a cut are tried, between a third and two thirds of a part.
 const TRIES: usize = 9;
 
@@ -65,6 +70,37 @@ impl Graph {
 
     fn around(&self, i: u32) -> &[u32] {
         &self.neighbours[self.first[i as usize]..self.first[i as usize + 1]]
+    }
+
+    /// Some blocks in the order of approximate minimum degree among themselves (Amestoy, Davis, Duff 1996).
+    fn by_minimum_degree(&self, blocks: &[u32]) -> Vec<u32> {
+        let n = blocks.len();
+        let place: FxHashMap<u32, usize> = blocks.iter().copied().zip(0..).collect();
+        let (mut starts, mut rows) = (vec![0], Vec::new());
+        for (k, b) in blocks.iter().enumerate() {
+            let own = self.around(*b).iter().filter_map(|c| place.get(c));
+            rows.extend(own.filter(|j| **j < k));
+            let first = starts[k];
+            rows[first..].sort_unstable();
+            rows.push(k);
+            starts.push(rows.len());
+        }
+        let upper = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &rows);
+        let need = amd::order_scratch::<usize>(n, rows.len());
+        let (mut order, mut inverse) = (vec![0; n], vec![0; n]);
+        let mut memory = MemBuffer::new(need);
+        let stack = MemStack::new(&mut memory);
+        match amd::order(
+            &mut order,
+            &mut inverse,
+            upper,
+            amd::Control::default(),
+            stack,
+        ) {
+            Ok(_) => order.into_iter().map(|k| blocks[k]).collect(),
+            // Any order is valid.
+            Err(_) => blocks.to_vec(),
+        }
     }
 
     /// The order with each subtree of its elimination tree (Liu 1986) in one run: the same fill, larger supernodes.
@@ -131,7 +167,7 @@ impl Dissection<'_> {
     /// Appends the blocks of one part to the order: its halves, then what lies between them.
     fn cut(&mut self, mut blocks: Vec<u32>, part: u32) {
         if blocks.len() <= LEAF {
-            self.order.extend(blocks);
+            self.order.extend(self.graph.by_minimum_degree(&blocks));
             return;
         }
         let axis = longest_axis(&blocks, self.positions);
@@ -157,40 +193,101 @@ impl Dissection<'_> {
         self.order.extend(between);
     }
 
-    /// Where to cut a sorted part, and the blocks of one side that touch the other there.
+    /// Where to cut a sorted part, and the blocks that hold its halves together there.
     fn thinnest(&mut self, blocks: &[u32], part: u32) -> (usize, Vec<u32>) {
         let n = blocks.len();
         for (k, b) in blocks.iter().enumerate() {
             self.rank[*b as usize] = k;
         }
-        let ranks = |b: &u32| {
-            let inside = self.graph.around(*b).iter();
-            inside
-                .filter(|c| self.part_of[**c as usize] == part)
-                .map(|c| self.rank[*c as usize])
-        };
-        let reach: Vec<(usize, usize)> = blocks
-            .iter()
-            .enumerate()
-            .map(|(k, b)| ranks(b).fold((k, k), |(lo, hi), r| (lo.min(r), hi.max(r))))
-            .collect();
         // Few blocks between, and halves not too unlike.
-        let cost = |at: usize, side: &[u32]| side.len() as f64 / (at * (n - at)) as f64;
-        let mut best: Option<(usize, Vec<u32>)> = None;
+        let mut best: Option<(f64, usize, Vec<u32>)> = None;
         for k in 0..TRIES {
             let at = n / 3 + n * k / (3 * (TRIES - 1));
-            let below = (0..at).filter(|&r| reach[r].1 >= at).map(|r| blocks[r]);
-            let above = (at..n).filter(|&r| reach[r].0 < at).map(|r| blocks[r]);
-            for side in [below.collect::<Vec<_>>(), above.collect()] {
-                if best
-                    .as_ref()
-                    .is_none_or(|b| cost(at, &side) < cost(b.0, &b.1))
-                {
-                    best = Some((at, side));
+            let between = self.least_cover(blocks, at, part);
+            let low = at
+                - between
+                    .iter()
+                    .filter(|b| self.rank[**b as usize] < at)
+                    .count();
+            let high = n - low - between.len();
+            let cost = between.len() as f64 / (low * high).max(1) as f64;
+            if best.as_ref().is_none_or(|b| cost < b.0) {
+                best = Some((cost, at, between));
+            }
+        }
+        best.map(|b| (b.1, b.2)).unwrap_or_default()
+    }
+
+    /// The fewest blocks without which no edge joins the first `at` blocks of a part to the others: as many as disjoint edges can join
+    /// them (Koenig), which are found by augmenting paths.
+    fn least_cover(&self, blocks: &[u32], at: usize, part: u32) -> Vec<u32> {
+        let across = |low: u32| {
+            let around = self.graph.around(low).iter().copied();
+            around.filter(|c| self.part_of[*c as usize] == part && self.rank[*c as usize] >= at)
+        };
+        let touches = |b: &&u32| across(**b).next().is_some();
+        let edge: Vec<u32> = blocks[..at].iter().filter(touches).copied().collect();
+        let mut matching = Matching::default();
+        for &low in &edge {
+            matching.augment(low, &across);
+        }
+        // From unmatched low blocks by alternating edges: what is reached above, and what is not below, covers every edge.
+        let mut reached_low: FxHashSet<u32> = FxHashSet::default();
+        let mut above = Vec::new();
+        let is_free = |b: &&u32| !matching.of_low.contains_key(*b);
+        let mut open: Vec<u32> = edge.iter().filter(is_free).copied().collect();
+        let mut seen: FxHashSet<u32> = FxHashSet::default();
+        while let Some(low) = open.pop() {
+            if reached_low.insert(low) {
+                for high in across(low).filter(|h| seen.insert(*h)) {
+                    above.push(high);
+                    open.extend(matching.of_high.get(&high));
                 }
             }
         }
-        best.unwrap_or_default()
+        let below = edge.into_iter().filter(|b| !reached_low.contains(b));
+        below.chain(above).collect()
+    }
+}
+
+/// Disjoint edges between low and high blocks.
+#[derive(Default)]
+struct Matching {
+    of_low: FxHashMap<u32, u32>,
+    of_high: FxHashMap<u32, u32>,
+}
+
+impl Matching {
+    /// Matches a free low block, by moving others if need be and possible.
+    fn augment<I: Iterator<Item = u32>>(&mut self, free: u32, across: &impl Fn(u32) -> I) {
+        let mut came_from: FxHashMap<u32, u32> = FxHashMap::default();
+        let mut open = vec![free];
+        let mut next = 0;
+        while let Some(&low) = open.get(next) {
+            next += 1;
+            for high in across(low) {
+                if came_from.contains_key(&high) {
+                    continue;
+                }
+                came_from.insert(high, low);
+                match self.of_high.get(&high) {
+                    Some(other) => open.push(*other),
+                    None => return self.turn_over(high, &came_from),
+                }
+            }
+        }
+    }
+
+    /// Matches along the path that led to the free block `high`.
+    fn turn_over(&mut self, mut high: u32, came_from: &FxHashMap<u32, u32>) {
+        loop {
+            let low = came_from[&high];
+            self.of_high.insert(high, low);
+            match self.of_low.insert(low, high) {
+                Some(before) => high = before,
+                None => return,
+            }
+        }
     }
 }
 

@@ -46,15 +46,12 @@ impl BoundingVolumes {
     pub fn update(&mut self, shell: &PointShell, deformation: &[Matrix3x4<f32>]) {
         self.boxes.clear();
         self.bounds = Aabb::EMPTY;
-        let mut size = 0.0;
         for (c, d) in deformation.iter().enumerate().take(shell.n_cells()) {
-            if shell.cell_is_empty(c) || !d.iter().all(|v| v.abs() < REACH) {
+            if shell.cell_is_empty(c) || !is_near(d) {
                 continue;
             }
             let cell_box = enlarged(&box_of(d), d, shell.overhang(c));
-            size += cell_box.extent().max();
-            self.bounds.add(&cell_box.min);
-            self.bounds.add(&cell_box.max);
+            self.add_bounds(&cell_box);
             self.boxes.push((c as u32, cell_box));
         }
         let holds =
@@ -62,14 +59,50 @@ impl BoundingVolumes {
         let kept =
             self.hashed.len() == self.boxes.len() && self.boxes.iter().zip(&self.hashed).all(holds);
         if !kept {
-            self.hashed.clear();
-            let grown = self.boxes.iter().map(|(c, b)| (*c, b.grown(SLACK)));
-            self.hashed.extend(grown);
-            let mean = size / self.boxes.len().max(1) as f64;
-            let places = self.hashed.iter().enumerate();
-            let places = places.map(|(k, (_, b))| (k as u32, *b));
-            self.hash.rebuild(mean.max(1e-3), places);
+            self.rehash();
         }
+    }
+
+    /// Follows the bone where only some cells have moved, ascending; the others keep their volumes.
+    pub fn update_cells(
+        &mut self,
+        shell: &PointShell,
+        deformation: &[Matrix3x4<f32>],
+        cells: &[u32],
+    ) {
+        let mut left_room = false;
+        let mut place = 0;
+        for &c in cells.iter().filter(|c| !shell.cell_is_empty(**c as usize)) {
+            let d = &deformation[c as usize];
+            place += self.boxes[place..].partition_point(|b| b.0 < c);
+            let is_known = self.boxes.get(place).is_some_and(|b| b.0 == c);
+            if !is_near(d) || !is_known {
+                return self.update(shell, deformation);
+            }
+            let cell_box = enlarged(&box_of(d), d, shell.overhang(c as usize));
+            self.add_bounds(&cell_box);
+            self.boxes[place].1 = cell_box;
+            left_room |= !self.hashed[place].1.holds(&cell_box);
+        }
+        if left_room {
+            self.rehash();
+        }
+    }
+
+    fn add_bounds(&mut self, volume: &Aabb) {
+        self.bounds.add(&volume.min);
+        self.bounds.add(&volume.max);
+    }
+
+    fn rehash(&mut self) {
+        self.hashed.clear();
+        let grown = self.boxes.iter().map(|(c, b)| (*c, b.grown(SLACK)));
+        self.hashed.extend(grown);
+        let size: f64 = self.boxes.iter().map(|b| b.1.extent().max()).sum();
+        let mean = size / self.boxes.len().max(1) as f64;
+        let places = self.hashed.iter().enumerate();
+        let places = places.map(|(k, (_, b))| (k as u32, *b));
+        self.hash.rebuild(mean.max(1e-3), places);
     }
 
     /// How many cells hold points.
@@ -102,6 +135,11 @@ impl BoundingVolumes {
             });
         }
     }
+}
+
+/// Whether a cell's nodes are finite and no farther than a deformation that has not blown up.
+fn is_near(d: &Matrix3x4<f32>) -> bool {
+    d.iter().all(|v| v.abs() < REACH)
 }
 
 /// The box for points that reach out of the cell by `overhang` (see [`PointShell::overhang`]).

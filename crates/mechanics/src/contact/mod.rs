@@ -13,7 +13,7 @@ mod wrench;
 pub use boundary_points::boundary_points;
 pub use bounding_volumes::BoundingVolumes;
 pub use friction::Anchors;
-pub use near::NearPoints;
+pub use near::{NearPoints, cells_about};
 pub use point_shell::{PointOrigin, PointShell, RenewedCells, ShellPoint, ShellPoints};
 pub use query::{Contact, ContactScene, penetrations};
 pub use response::{

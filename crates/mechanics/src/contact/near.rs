@@ -84,12 +84,8 @@ impl NearPoints {
     /// Makes sure that the points near the shape at `world_from_shape` are here. Looks for them only if the scene is in another
     /// state or the shape has moved by more than the margin.
     pub fn follow(&mut self, shape: &RigidShape, world_from_shape: &Pose, scene: &ContactScene) {
-        let holds = |f: &Found| {
-            scene.state != 0
-                && f.state == scene.state
-                && way(shape, &f.at, world_from_shape) < f64::from(MARGIN - ROUNDING)
-        };
-        if self.found.as_ref().is_some_and(holds) {
+        let is_seen = |f: &Found| scene.state != 0 && f.state == scene.state;
+        if self.found.as_ref().is_some_and(is_seen) && self.holds(shape, world_from_shape) {
             return;
         }
         self.find(shape, world_from_shape, scene);
@@ -97,6 +93,12 @@ impl NearPoints {
             at: *world_from_shape,
             state: scene.state,
         });
+    }
+
+    /// Whether they serve the shape at `world_from_shape` in the state in which they were found.
+    pub fn holds(&self, shape: &RigidShape, world_from_shape: &Pose) -> bool {
+        let near = |f: &Found| way(shape, &f.at, world_from_shape) < f64::from(MARGIN - ROUNDING);
+        self.found.as_ref().is_some_and(near)
     }
 
     /// As [`follow`](Self::follow), from anew.
@@ -252,26 +254,15 @@ impl NearCells {
         self.cells.clear();
         self.next_stamp();
         let (cells, places, stamp) = (&mut self.cells, &mut self.seen, self.stamp);
-        let shape_from_world = world_from_shape.inverse();
-        let margin = reach_beyond(shape);
-        for slice in slices(&shape.bounds) {
-            let query = slice.moved(world_from_shape).grown(margin.into());
-            volumes.query(&query, |c, volume| {
-                let now = Seen { cell: c, stamp };
-                let place = c as usize % places.len().max(1);
-                let is_seen =
-                    (places.get_mut(place)).is_some_and(|last| std::mem::replace(last, now) == now);
-                if is_seen || cells.len() == cells.capacity() {
-                    return;
-                }
-                let centre = shape_from_world * nalgebra::Point3::from(volume.centre());
-                let centre = centre.coords.map(|v| v as f32).into();
-                let radius = (0.5 * volume.extent().norm()) as f32;
-                if !ball_is_away(shape, centre, radius + ROUNDING) {
-                    cells.push(c);
-                }
-            });
-        }
+        volumes_about(shape, world_from_shape, volumes, 0.0, |c, may_touch| {
+            let now = Seen { cell: c, stamp };
+            let place = c as usize % places.len().max(1);
+            let is_seen =
+                (places.get_mut(place)).is_some_and(|last| std::mem::replace(last, now) == now);
+            if !is_seen && cells.len() < cells.capacity() && may_touch() {
+                cells.push(c);
+            }
+        });
         cells.sort_unstable();
         cells.dedup();
     }
@@ -282,6 +273,46 @@ impl NearCells {
             self.seen.fill(Seen::default());
             self.stamp = 1;
         }
+    }
+}
+
+/// Calls `visit` with each cell whose volume may hold points near the shape, were they to move by `way` \[mm\]; one may come more than
+/// once.
+pub fn cells_about(
+    shape: &RigidShape,
+    world_from_shape: &Pose,
+    volumes: &BoundingVolumes,
+    way: f32,
+    mut visit: impl FnMut(u32),
+) {
+    volumes_about(shape, world_from_shape, volumes, way, |c, may_touch| {
+        if may_touch() {
+            visit(c);
+        }
+    });
+}
+
+/// Calls `visit` with each cell about the shape, and a closer test of whether it may hold near points.
+fn volumes_about(
+    shape: &RigidShape,
+    world_from_shape: &Pose,
+    volumes: &BoundingVolumes,
+    way: f32,
+    mut visit: impl FnMut(u32, &dyn Fn() -> bool),
+) {
+    let shape_from_world = world_from_shape.inverse();
+    let reach = f64::from(way + reach_beyond(shape));
+    for slice in slices(&shape.bounds) {
+        let query = slice.moved(world_from_shape).grown(reach);
+        volumes.query(&query, |c, volume| {
+            let may_touch = || {
+                let centre = shape_from_world * nalgebra::Point3::from(volume.centre());
+                let centre = centre.coords.map(|v| v as f32).into();
+                let radius = (0.5 * volume.extent().norm()) as f32;
+                !ball_is_away(shape, centre, radius + way + ROUNDING)
+            };
+            visit(c, &may_touch);
+        });
     }
 }
 

@@ -13,6 +13,8 @@ pub struct ContactScene<'a> {
     pub deformation: &'a [Matrix3x4<f32>],
     /// Tells states apart: within one number nothing of the scene changes. 0: not known.
     pub state: u64,
+    /// The points near each tool where it was when somebody looked for them in this very state.
+    pub near: Option<&'a [NearPoints; 2]>,
 }
 
 /// A point of the bone inside a rigid shape. Positions and directions in the shape's frame.

@@ -61,9 +61,14 @@ impl Solid {
         }
     }
 
-    /// Pieces of fewer nodes are chips, not fragments: cuts that would only crumble one off are not made.
+    /// Pieces of fewer nodes do not come off: cuts that would only part one from the rest are not made. Where springs hold whatever
+    /// comes off that is a single node, else a chip would have to get springs of its own.
     pub fn chip_nodes(&self) -> usize {
-        (self.mesh.nodes().len() / 300).max(2)
+        if self.supports.ground_spring > 0.0 {
+            LEAST_CHIP
+        } else {
+            (self.mesh.nodes().len() / 300).max(LEAST_CHIP)
+        }
     }
 
     /// Pieces that neither support nor spring holds.
@@ -226,6 +231,21 @@ impl CrackedBody {
         loads.iter().map(carry).collect()
     }
 
+    /// Whether a cell has crumbled off with its piece; nothing presses on it any more.
+    pub fn is_debris(&self, cell: u32) -> bool {
+        let cell = &self.topology.cells()[cell as usize];
+        let own = self.solid.mesh.tets()[cell.tet as usize];
+        let node = own[cell.mask.trailing_zeros() as usize % 4];
+        self.fragments.is_debris(node)
+    }
+
+    /// Whether some of tetrahedron `t` has crumbled off since `before`.
+    pub fn has_crumbled(&self, before: &Self, t: u32) -> bool {
+        let nodes = self.solid.mesh.tets()[t as usize];
+        let crumbled = |n| self.fragments.is_debris(n) && !before.fragments.is_debris(n);
+        nodes.into_iter().any(crumbled)
+    }
+
     /// The work f . u of loads with the displacements that they cause: twice the elastic energy \[N mm\].
     pub fn work(&self, loads: &[CellForce]) -> f64 {
         let half = self.system.half_solve(&[self.sparse_loads(loads)]);
@@ -373,6 +393,9 @@ impl CrackedBody {
         })
     }
 }
+
+/// A piece of one node has no stiffness of its own.
+const LEAST_CHIP: usize = 2;
 
 /// A crack that has grown, not yet part of its body's equations.
 #[derive(Clone, Debug)]

@@ -177,8 +177,14 @@ impl CutEdges {
         let mut fresh: Vec<(u32, f64)> = Vec::new();
         for t in 0..sheet.triangles.len() {
             let triangle = sheet.corners(t);
+            let normal = sheet.area_normal(t);
+            let side = |p: &Vec3| normal.dot(&(p - triangle[0]));
             let query = Aabb::around(&triangle).grown(2.0 * largest);
             locator.tets_near(&query, |tet| {
+                let nodes = &mesh.tets()[tet as usize];
+                if are_beside(nodes.map(|n| side(&self.seat[n as usize]))) {
+                    return;
+                }
                 for &e in &mesh.tet_edges()[tet as usize] {
                     if !self.is_cut(e) {
                         let [a, b] = mesh.edges()[e as usize].map(|n| &self.seat[n as usize]);
@@ -283,6 +289,18 @@ impl CutEdges {
         }
         parts
     }
+}
+
+/// Whether all corners lie on one side of a plane, clearly enough for [`segment_crosses`] to see no crossing: most tetrahedra near a
+/// triangle do.
+fn are_beside(sides: [f64; 4]) -> bool {
+    const CLEARLY: f64 = 1e-8;
+    let (least, most) = sides
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), s| {
+            (l.min(*s), m.max(*s))
+        });
+    least > CLEARLY * most.abs() && least > 0.0 || most < -CLEARLY * least.abs() && most < 0.0
 }
 
 /// Tells chips from larger pieces by walking over uncut edges, never farther than the size of a chip.

@@ -71,6 +71,11 @@ impl Fragments {
         }
     }
 
+    /// Whether node `n` has crumbled off: its piece is smaller than [`SMALLEST_FRAGMENT`].
+    pub fn is_debris(&self, n: u32) -> bool {
+        self.volume_share[self.of_node[n as usize] as usize] < SMALLEST_FRAGMENT
+    }
+
     /// How many pieces hold at least [`SMALLEST_FRAGMENT`] of the volume.
     pub fn count(&self) -> usize {
         self.volume_share

@@ -365,6 +365,15 @@ impl System {
         }
     }
 
+    /// What the body pulls with at its loads where it stands at `x`: -K x without [`Supports::drag`], nothing on held coordinates.
+    pub fn pull(&self, mesh: &TetMesh, topology: &Topology, x: &[f64]) -> Vec<f64> {
+        let mut pull = self.multiply(x);
+        pull.iter_mut().for_each(|f| *f = -*f);
+        self.add_drag(mesh, topology, x, &mut pull);
+        self.held.iter().for_each(|i| pull[*i as usize] = 0.0);
+        pull
+    }
+
     /// The part of a cell's drag that its enrichments take part in.
     fn add_jump_drag(&self, mesh: &TetMesh, cell: &Cell, x: &[f64], rhs: &mut [f64]) {
         let t = cell.tet as usize;
@@ -397,6 +406,28 @@ impl System {
     /// The backward half of a solve; see [`Bordered::sweep_down`].
     pub fn sweep_down(&self, swept: &mut Swept, x: &mut [f64], scratch: &mut SolveScratch) {
         self.factor.sweep_down(swept, x, scratch);
+    }
+
+    /// The backward half of a solve in a region only; see [`Bordered::sweep_down_region`].
+    pub fn sweep_down_region(
+        &self,
+        region: &Region,
+        swept: &Swept,
+        x: &mut [f64],
+        scratch: &mut SolveScratch,
+    ) {
+        self.factor.sweep_down_region(region, swept, x, scratch);
+    }
+
+    /// What a sweep down a region left out; see [`Bordered::sweep_down_rest`].
+    pub fn sweep_down_rest(
+        &self,
+        region: &Region,
+        swept: &mut Swept,
+        x: &mut [f64],
+        scratch: &mut SolveScratch,
+    ) {
+        self.factor.sweep_down_rest(region, swept, x, scratch);
     }
 
     /// Adds half-solved right-hand sides, `q` times each; see [`Bordered::add_half`].

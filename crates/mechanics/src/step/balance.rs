@@ -39,7 +39,7 @@ impl<'a> Balance<'a> {
     /// Tries a growth; none if it cuts nothing.
     ///
     /// Released is what a held load gives up, U (1 - C / C') for compliances C and C' before and after: the least that any way of
-    /// loading can release.
+    /// loading can release. Loads on what crumbles off give up all that they had stored.
     pub fn weigh(&self, growth: Growth) -> Result<Option<Trial>, BodyError> {
         let newly_cut = growth.newly_cut.clone();
         if newly_cut.is_empty() {
@@ -47,12 +47,22 @@ impl<'a> Balance<'a> {
         }
         let body = self.body.grown(growth)?;
         let (area, cost) = body.cost(self.body, &newly_cut);
-        let work = body.work(&body.carry_loads(self.body, self.loads));
-        let released = if work > self.work {
-            0.5 * self.work * (1.0 - self.work / work)
+        let carried = body.carry_loads(self.body, self.loads);
+        let stays = |l: &&CellForce| !body.is_debris(l.cell);
+        let staying: Vec<CellForce> = carried.iter().filter(stays).copied().collect();
+        let before = if staying.len() == carried.len() {
+            self.work
         } else {
-            0.0
+            let kept = self.loads.iter().zip(&carried).filter(|(_, c)| stays(c));
+            self.body.work(&kept.map(|(l, _)| *l).collect::<Vec<_>>())
         };
+        let after = body.work(&staying);
+        let held = if after > before {
+            before * before / after
+        } else {
+            before
+        };
+        let released = 0.5 * (self.work - held);
         let ratio = released / cost.max(LEAST_COST);
         Ok(Some(Trial { body, ratio, area }))
     }
@@ -64,14 +74,14 @@ impl<'a> Balance<'a> {
     }
 
     /// What of a stretch that cannot pay as it would move can pay by itself: the stretch moved as far as if no other front were
-    /// driven harder, or a short piece of it.
+    /// driven harder, or as if no vertex of it were driven harder than half of its vertices are, or a short piece of it.
     pub fn advance_some(&self, front: &Front, moves: &[Vec3]) -> Result<Option<Trial>, BodyError> {
         let increment = self.body.solid.lengths.increment;
         let farthest = longest(moves);
         let alone = (farthest < 0.9 * increment).then(|| scaled(moves, increment / farthest));
         let alone = alone.map(|moves| parts(&moves)).unwrap_or_default();
-        let pieces = alone.into_iter().chain(self.windows(moves));
-        self.first_paid(front, pieces)
+        let pieces = alone.into_iter().chain([levelled(moves, increment)]);
+        self.first_paid(front, pieces.chain(self.windows(moves)))
     }
 
     fn first_paid(
@@ -90,8 +100,11 @@ impl<'a> Balance<'a> {
 
     /// Short pieces of a stretch, each moved as far as if it were alone, hardest driven first.
     fn windows(&self, moves: &[Vec3]) -> Vec<Vec<Vec3>> {
-        let mut windows: Vec<(f64, usize)> = (0..moves.len().saturating_sub(WINDOW))
-            .step_by(WINDOW / 2)
+        let Some(last) = moves.len().checked_sub(WINDOW) else {
+            return Vec::new();
+        };
+        let starts = (0..last).step_by(WINDOW - 1).chain([last]);
+        let mut windows: Vec<(f64, usize)> = starts
             .map(|first| {
                 let sum = moves[first..first + WINDOW].iter().map(Vec3::norm).sum();
                 (sum, first)
@@ -114,7 +127,7 @@ impl<'a> Balance<'a> {
 /// Vertices of a front that are tried by themselves: some four element sizes.
 const WINDOW: usize = 9;
 /// So many windows of a stretch are tried.
-const MOST_WINDOWS: usize = 6;
+const MOST_WINDOWS: usize = 8;
 
 /// A stretch as a whole, and what of it moves at least so far relative to the farthest.
 fn parts(moves: &[Vec3]) -> Vec<Vec<Vec3>> {
@@ -131,6 +144,18 @@ fn parts(moves: &[Vec3]) -> Vec<Vec<Vec3>> {
         }
     }
     parts
+}
+
+/// Half of the moving vertices move by the increment, the others in proportion to how hard they are driven. Beside a chisel one vertex
+/// may be driven ten times as hard as all others, which then hardly move.
+fn levelled(moves: &[Vec3], increment: f64) -> Vec<Vec3> {
+    let mut lengths: Vec<f64> = moves.iter().map(Vec3::norm).filter(|l| *l > 0.0).collect();
+    lengths.sort_by(f64::total_cmp);
+    let Some(median) = lengths.get(lengths.len() / 2) else {
+        return moves.to_vec();
+    };
+    let level = |m: &Vec3| m.cap_magnitude(*median) * (increment / median);
+    moves.iter().map(level).collect()
 }
 
 fn scaled(moves: &[Vec3], by: f64) -> Vec<Vec3> {

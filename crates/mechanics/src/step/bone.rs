@@ -138,23 +138,29 @@ impl Bone {
     }
 
     fn cell_of(&self, id: u32) -> u32 {
-        side_cell(&self.body, &self.topology, self.points.get(id))
+        let cell = side_cell(&self.body, &self.topology, self.points.get(id));
+        if self.is_debris(cell) {
+            PointShell::DROPPED
+        } else {
+            cell
+        }
     }
 
-    /// The shell of an earlier generation, sorted anew in tetrahedra that were divided or hold a point from `fresh`.
+    /// The shell of an earlier generation, sorted anew in tetrahedra that were divided, have crumbled or hold a point from `fresh`.
     fn regrouped(&self, old: &Self, fresh: Range<u32>) -> PointShell {
         let fresh = tets_with(&self.points, fresh);
         let divided = |t: &u32| old.topology.cells_of(*t).len() != self.topology.cells_of(*t).len();
-        let changed =
-            (0..self.body.mesh.tets().len() as u32).filter(|t| fresh.contains_key(t) || divided(t));
+        let changed = (0..self.body.mesh.tets().len() as u32)
+            .filter(|t| fresh.contains_key(t) || divided(t) || self.has_crumbled(old, *t));
         let renewed = changed.map(|t| {
             let cells = old.topology.cells_of(t);
             let points = old.shell.ids_in(cells.clone()).iter();
             let points = points.chain(fresh.get(&t).into_iter().flatten());
+            let members = points.map(|&id| (self.cell_of(id), id));
             RenewedCells {
                 old: cells,
                 new: self.topology.cells_of(t),
-                members: points.map(|&id| (self.cell_of(id), id)).collect(),
+                members: members.filter(|m| m.0 != PointShell::DROPPED).collect(),
             }
         });
         old.shell.regrouped(&self.points, renewed.collect())
@@ -205,6 +211,20 @@ impl Bone {
             for k in 0..4 {
                 let x = mesh.nodes()[corners[k] as usize];
                 d.set_column(k, &(x + u[k]).cast());
+            }
+        }
+    }
+
+    /// The same of some cells only.
+    pub(super) fn deform_cells(&self, state: &mut BoneState, cells: &[u32]) {
+        let mesh = &self.body.mesh;
+        for &c in cells {
+            let cell = &self.topology.cells()[c as usize];
+            let corners = mesh.tets()[cell.tet as usize];
+            let u = self.system.cell_displacements(mesh, cell, &state.x);
+            for (k, (n, u)) in corners.iter().zip(u).enumerate() {
+                let x = mesh.nodes()[*n as usize] + u;
+                state.deformation[c as usize].set_column(k, &x.cast());
             }
         }
     }
@@ -273,6 +293,7 @@ impl Body {
 
 #[cfg(test)]
 mod tests {
+    use super::super::balance::Balance;
     use super::*;
     use crate::bone::{Supports, TetMaterial};
     use crate::contact::boundary_points;
@@ -337,6 +358,45 @@ mod tests {
             let faces = CrackFaces::new(&bone.cracked);
             assert_eq!(format!("{faces:?}"), format!("{:?}", bone.faces));
         }
+    }
+
+    /// A chip broken off a corner: nothing presses on it any more, and what pressed on it counts as released.
+    #[test]
+    fn debris_is_touched_by_nothing() {
+        let bone = sawn_block();
+        let mesh = &bone.body.mesh;
+        let tet = mesh.tets_of_node(342)[0];
+        let chip = mesh.tets()[tet as usize];
+        let round: Vec<u32> = (0..mesh.edges().len() as u32)
+            .filter(|e| {
+                let inside = mesh.edges()[*e as usize].map(|n| chip.contains(&n));
+                inside[0] != inside[1]
+            })
+            .collect();
+        let mut growth = bone.advanced(&[]);
+        growth.tear(mesh, &round);
+        assert_eq!(growth.newly_cut, round);
+        let cell = |bone: &Bone| bone.topology.cells_of(tet).start as u32;
+        let pressed = |cell: u32| CellForce {
+            cell,
+            weights: [0.25; 4],
+            force: Vec3::new(0.0, 0.0, -30.0),
+        };
+        let loads = [pressed(cell(&bone))];
+        let trial = Balance::new(&bone.cracked, &loads).weigh(growth).unwrap();
+        let trial = trial.unwrap();
+        let stored = 0.5 * bone.work(&loads);
+        let cost = trial.body.cost(&bone.cracked, &round).1;
+        assert!((trial.ratio * cost - stored).abs() < 1e-9 * stored);
+
+        let grown = bone.grown(trial.body);
+        assert!(grown.is_debris(cell(&grown)));
+        assert_eq!(grown.fragments.count(), 1);
+        let holds = |c: usize| !grown.shell.ids_in(c..c + 1).is_empty();
+        let cells = 0..grown.topology.cells().len();
+        assert!(cells.clone().any(holds));
+        assert!(!cells.filter(|c| grown.is_debris(*c as u32)).any(holds));
+        assert!(!grown.faces.cells().any(|c| grown.is_debris(c)));
     }
 
     /// What holds the ends together is sought near the crack: here few edges hang on either end, a corner, far from it.

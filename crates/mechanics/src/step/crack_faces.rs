@@ -4,7 +4,7 @@
 //! penalty that is stiff against the bone; because the bone's compliance at these points is known from half solves with the
 //! kept factor, the penalty is solved implicitly (projected Gauss-Seidel) and never limits the relaxation.
 use super::bone::Bone;
-use crate::bone::{HalfSolved, SolveScratch, Swept};
+use crate::bone::{HalfSolved, Region, SolveScratch, Swept};
 use crate::crack::stress_intensity::CellForce;
 use crate::crack::{Cell, CrackedBody, CutEdges, cut_area};
 use crate::geometry::{Aabb, TetMesh, Vec3};
@@ -38,13 +38,13 @@ pub struct CrackFaces {
 }
 
 impl CrackFaces {
-    /// Places a pair in each tetrahedron that the crack divides in two.
+    /// Places a pair in each tetrahedron that the crack divides in two, unless one of them has crumbled off.
     pub fn new(body: &CrackedBody) -> Self {
         Self::of(divided_tets(body).map(|t| Divided::new(body, t)))
     }
 
     /// The faces of a body that has grown from `before`, whose faces these are. Where the crack grew they are made anew: what
-    /// was cut ahead of the front has now its own sheet.
+    /// was cut ahead of a saw's front has now its own sheet, which has no kerf.
     pub fn grown(&self, before: &CrackedBody, body: &CrackedBody) -> Self {
         let beside = tets_beside_growth(before, body);
         let mut known = self.divided.iter().peekable();
@@ -53,7 +53,9 @@ impl CrackFaces {
             let cells = body.topology.cells_of(t);
             match old {
                 Some(old)
-                    if before.topology.cells_of(t).len() == cells.len() && !beside[t as usize] =>
+                    if before.topology.cells_of(t).len() == cells.len()
+                        && !(beside[t as usize] && old.is_in_kerf())
+                        && !body.has_crumbled(before, t) =>
                 {
                     old.renumbered(cells.start as u32)
                 }
@@ -73,6 +75,11 @@ impl CrackFaces {
     /// Area of the crack inside the body: the cut polygons of all divided tetrahedra \[mm2\].
     pub fn area(&self) -> f64 {
         self.divided.iter().map(|d| d.area).sum()
+    }
+
+    /// The cells on both sides of each pair.
+    pub fn cells(&self) -> impl Iterator<Item = u32> {
+        self.pairs.iter().flat_map(|p| p.cells)
     }
 
     /// How many pairs there are.
@@ -112,12 +119,17 @@ fn tets_beside_growth(before: &CrackedBody, body: &CrackedBody) -> Vec<bool> {
 impl Divided {
     fn new(body: &CrackedBody, tet: u32) -> Self {
         let cells = body.topology.cells_of(tet);
-        let both = cells.len() == 2;
+        let both = cells.len() == 2 && !cells.clone().any(|c| body.is_debris(c as u32));
         Self {
             tet,
             area: divided_area(&body.solid.mesh, &body.cuts, &body.topology.cells()[cells]),
             pair: both.then(|| pair(body, tet)).flatten(),
         }
+    }
+
+    /// Whether its faces are a saw cut's walls, as far as is known.
+    fn is_in_kerf(&self) -> bool {
+        self.pair.is_none_or(|p| p.gap > 0.0)
     }
 
     /// The same in a topology where its cells begin at `first`.
@@ -216,6 +228,8 @@ pub struct FaceContact {
     half: Vec<HalfSolved>,
     /// b_i . K^-1 b_j of the active pairs.
     compliance: Vec<Vec<f64>>,
+    /// Opening of each pair at the start of the step \[mm\].
+    opening: Vec<f64>,
 }
 
 /// Most pairs that can press at once; beyond it the deepest come first.
@@ -224,30 +238,36 @@ const MOST_ACTIVE: usize = 256;
 const STIFFNESS: f64 = 1e4;
 
 impl FaceContact {
-    /// Solves for the displacements `x` under the loads that are half solved in `swept` and the faces' pressures. Returns these
-    /// forces, and whether no further faces overlap in `x`; those that do are pressed apart from the next call on.
+    /// Begins a step from the displacements `before`.
+    pub fn start(&mut self, bone: &Bone, before: &[f64]) {
+        self.follow(bone);
+        self.opening = bone.faces.openings(bone, before);
+    }
+
+    /// Solves for the way `moved` from the start of the step in a region that has all cells of the faces, under the loads that are half
+    /// solved in `swept` and the faces' pressures, which are added to it. Returns these forces, and whether no further faces overlap
+    /// then; those that do are pressed apart from the next call on.
     pub fn press(
         &mut self,
         bone: &Bone,
-        swept: &Swept,
-        x: &mut [f64],
+        region: &Region,
+        swept: &mut Swept,
+        moved: &mut [f64],
         scratch: &mut SolveScratch,
     ) -> (Vec<CellForce>, bool) {
-        self.follow(bone);
         self.relax(bone, swept);
-        let mut pressed = swept.clone();
         let mut forces = &self.force[..];
         for half in &self.half {
             let (own, rest) = forces.split_at(half.n_columns());
-            bone.system.add_half(half, own, &mut pressed);
+            bone.system.add_half(half, own, swept);
             forces = rest;
         }
-        bone.system.sweep_down(&mut pressed, x, scratch);
+        (bone.system).sweep_down_region(region, swept, moved, scratch);
         let pressing = self.active.iter().zip(&self.force).filter(|p| *p.1 > 0.0);
         let pressures = pressing
             .flat_map(|(&i, &f)| bone.faces.pairs[i].forces(f))
             .collect();
-        let overlapping = self.overlapping(bone, x);
+        let overlapping = self.overlapping(bone, moved);
         self.take_in(bone, &overlapping);
         (pressures, overlapping.is_empty())
     }
@@ -269,9 +289,10 @@ impl FaceContact {
         self.force = force;
     }
 
-    /// The pairs that overlap in `x` and are not active, the deepest first, as many as may become so.
-    fn overlapping(&self, bone: &Bone, x: &[f64]) -> Vec<usize> {
-        let opening = bone.faces.openings(bone, x);
+    /// The pairs that overlap after the way `moved` and are not active, the deepest first, as many as may become so.
+    fn overlapping(&self, bone: &Bone, moved: &[f64]) -> Vec<usize> {
+        let pairs = bone.faces.pairs.iter().zip(&self.opening);
+        let opening: Vec<f64> = pairs.map(|(p, o)| o + p.jump(bone, moved)).collect();
         let mut new: Vec<usize> = (0..opening.len())
             .filter(|i| opening[*i] < 0.0 && !self.active.contains(i))
             .collect();
@@ -317,7 +338,7 @@ impl FaceContact {
         let faces = &bone.faces;
         let moved = self.half.iter().flat_map(|h| bone.system.project(h, swept));
         let free: Vec<f64> = (self.active.iter().zip(moved))
-            .map(|(&i, u)| faces.pairs[i].gap + u)
+            .map(|(&i, u)| self.opening[i] + u)
             .collect();
         for _ in 0..SWEEPS {
             let mut change = 0.0_f64;

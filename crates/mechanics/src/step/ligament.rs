@@ -22,16 +22,16 @@ pub(super) fn weakest(
     settings: &PropagationSettings,
 ) -> Result<Option<(usize, Trial)>, BodyError> {
     let (mesh, h) = (&bone.body.mesh, bone.body.lengths.h);
-    let (least, share) = settings.ligament_edges;
-    let limit = least.max((share * mesh.edges().len() as f64) as usize);
+    let share = settings.ligament_share * mesh.edges().len() as f64;
+    let limit = settings.ligament_edges.max(share as usize);
     let Some(edges) = bone.bridge(limit) else {
         return Ok(None);
     };
     let mut weakest: Option<(usize, Trial)> = None;
     let ligaments = connected(mesh, edges);
-    let whole = (ligaments.len() > 1).then(|| edges.to_vec());
-    let bites = ligaments.iter().flat_map(|l| bites(mesh, l, BITE * h));
-    for torn in whole.into_iter().chain(bites) {
+    let pieces = ligaments.iter().flat_map(|l| bites(mesh, l, BITE * h));
+    let pieces = pieces.filter(|p| p.len() < edges.len());
+    for torn in std::iter::once(edges.to_vec()).chain(pieces) {
         let mut growth = bone.advanced(&[]);
         growth.tear(mesh, &torn);
         let trial = balance.weigh(growth)?;
@@ -65,7 +65,7 @@ fn connected(mesh: &TetMesh, edges: &[u32]) -> Vec<Vec<u32>> {
     groups
 }
 
-/// A ligament as a whole if it is small, else pieces of it that together cover it.
+/// Pieces of a ligament that together cover it; a small one is one piece.
 fn bites(mesh: &TetMesh, ligament: &[u32], radius: f64) -> Vec<Vec<u32>> {
     let middle = |e: u32| -> Vec3 {
         let [a, b] = mesh.edges()[e as usize].map(|n| mesh.nodes()[n as usize]);

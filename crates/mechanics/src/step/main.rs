@@ -2,9 +2,10 @@
 use super::bone::{Bone, BoneState};
 use super::crack_faces::FaceContact;
 use super::relaxation::Acceleration;
+use super::sweep_region::SweepRegion;
 use super::yielding::{Patch, Yielding};
 use crate::bone::{SolveScratch, Swept};
-use crate::contact::{Anchors, BoundingVolumes, ContactScene, PointForce, Wrench};
+use crate::contact::{Anchors, BoundingVolumes, ContactScene, NearPoints, PointForce, Wrench};
 use crate::crack::stress_intensity::CellForce;
 use crate::geometry::{Pose, Vec3};
 use crate::tool::{
@@ -85,12 +86,17 @@ pub struct MainState {
     faces: FaceContact,
     solve: SolveScratch,
     acceleration: Acceleration,
+    region: SweepRegion,
     yielding: Option<Yielding>,
     trial: Vec<f64>,
     /// Counts the states of the scene that contact has seen; from 1.
     scene_state: u64,
-    /// The soft tissue's pull towards where the bone was at the start of the step, half solved.
-    drag: Swept,
+    /// What the bone as it stands pulls with at its loads: -K x, soft tissue's drag left out.
+    pull: Vec<f64>,
+    /// The unknowns at the start of the step; all else is solved for as the way from there, so that sweeps may be in single precision.
+    before: Vec<f64>,
+    /// The pull at the start of the step, half solved.
+    pulled: Swept,
     swept: Swept,
 }
 
@@ -106,10 +112,13 @@ impl MainState {
             faces: FaceContact::default(),
             solve: bone.system.scratch(),
             acceleration: Acceleration::default(),
+            region: SweepRegion::default(),
             yielding: None,
             trial: Vec::new(),
             scene_state: 1,
-            drag: Swept::default(),
+            pull: bone.system.pull(&bone.body.mesh, &bone.topology, &state.x),
+            before: Vec::new(),
+            pulled: Swept::default(),
             swept: Swept::default(),
             bone: state,
         }
@@ -121,6 +130,7 @@ impl MainState {
         self.solve = new.system.scratch();
         let mut next = new.at_rest();
         next.loads = new.carry_loads(old, &self.bone.loads);
+        next.loads.retain(|l| !new.is_debris(l.cell));
         (new.system).add_drag(&new.body.mesh, &new.topology, &self.bone.x, &mut next.x);
         new.add_loads(&next.loads, &mut next.x);
         new.system.solve(&mut next.x, &mut self.solve);
@@ -129,17 +139,34 @@ impl MainState {
         next.strain_energy = self.bone.strain_energy;
         self.volumes.update(&new.shell, &next.deformation);
         self.scene_state += 1;
+        self.pull = (new.system).pull(&new.body.mesh, &new.topology, &next.x);
         self.bone = next;
     }
 
     /// What the tools see of the bone.
     pub fn scene<'a>(&'a self, bone: &'a Bone) -> ContactScene<'a> {
-        ContactScene {
-            shell: &bone.shell,
-            volumes: &self.volumes,
-            deformation: &self.bone.deformation,
-            state: self.scene_state,
-        }
+        scene(bone, &self.bone, &self.volumes, self.scene_state)
+    }
+
+    /// The points near the tools where the last step left them.
+    pub fn near(&self) -> &[NearPoints; 2] {
+        self.tools.near()
+    }
+}
+
+/// What the tools see of the bone: parts of a [`MainState`].
+fn scene<'a>(
+    bone: &'a Bone,
+    state: &'a BoneState,
+    volumes: &'a BoundingVolumes,
+    number: u64,
+) -> ContactScene<'a> {
+    ContactScene {
+        shell: &bone.shell,
+        volumes,
+        deformation: &state.deformation,
+        state: number,
+        near: None,
     }
 }
 
@@ -154,10 +181,8 @@ pub fn main_step(
     let mut tools = input.tools;
     // What sweeps taught while the contacts were others misleads the next ones.
     state.acceleration.forget();
-    let mut pull = vec![0.0; bone.system.n()];
-    let (mesh, topology) = (&bone.body.mesh, &bone.topology);
-    (bone.system).add_drag(mesh, topology, &state.bone.x, &mut pull);
-    (bone.system).sweep_up(&pull, &mut state.drag, &mut state.solve);
+    (state.region).follow(bone, &state.volumes, model, &tools);
+    let mut guess = state.start(bone);
     let mut iterations = 0;
     loop {
         iterations += 1;
@@ -167,43 +192,137 @@ pub fn main_step(
         let (trial, loads, are_apart) =
             solve_bone(bone, model, state, input, &tools, iterations == 1);
         // 7: convergence.
-        let (residual, scale) = change(&state.bone.x, &trial);
+        let (residual, scale) = guess.change(&trial);
         let tolerance = settings
             .absolute_tolerance
             .max(settings.relative_tolerance * scale);
         let converged = residual <= tolerance && are_apart;
         let last = converged || iterations >= settings.max_iterations;
-        if converged {
-            state.bone.x.copy_from_slice(&trial);
-        } else {
-            state.acceleration.next(&mut state.bone.x, &trial);
+        if !converged {
+            guess.improve(&mut state.acceleration, &trial);
         }
-        state.trial = trial;
         // 3: collision detection follows the bone.
-        bone.deform(&mut state.bone);
-        state.volumes.update(&bone.shell, &state.bone.deformation);
-        state.scene_state += 1;
-        if last {
+        if !last {
+            state.show(bone, &guess);
+        } else {
+            if converged {
+                state.arrive(bone);
+            } else {
+                state.halt(bone, &guess);
+            }
             let n_closed = loads.len() - loads.partition_point(|l| l.1 == Source::Tool);
             state.bone.loads = loads.into_iter().map(|l| l.0).collect();
-            state.bone.strain_energy = strain_energy(bone, &state.bone.x);
+            state.bone.strain_energy = state.strain_energy();
             state.bone.converged = converged;
             let yielding = state.yielding.as_ref();
             state.compliance = yielding.map(|y| y.bone_compliance(&tools, &result.coupling));
             state.tools.commit(&mut state.anchors);
+            let scene = scene(bone, &state.bone, &state.volumes, state.scene_state);
+            state.tools.look_about(model, &tools, &scene);
             return MainReport {
                 iterations,
                 residual,
                 converged,
                 n_contacts: result.n_contacts.iter().sum(),
                 n_closed: n_closed / 2,
-                max_displacement: scale,
+                max_displacement: largest(state.bone.x.iter().copied()),
                 strain_energy: state.bone.strain_energy,
                 tools,
                 wrenches: result.coupling.map(|w| -w),
             };
         }
     }
+}
+
+/// The bone in the course of a step: its unknowns in the region of the sweeps, and what the others will be made of.
+struct Guess {
+    /// The region's unknowns, then what is half solved of all on the way there.
+    values: Vec<f64>,
+    n_near: usize,
+}
+
+impl Guess {
+    fn near(&self) -> &[f64] {
+        &self.values[..self.n_near]
+    }
+
+    fn half_solved(&self) -> &[f64] {
+        &self.values[self.n_near..]
+    }
+
+    /// Largest change of an unknown on the way to `trial`, and its largest unknown \[mm\].
+    fn change(&self, trial: &Self) -> (f64, f64) {
+        let pairs = self.near().iter().zip(trial.near());
+        let change = largest(pairs.map(|(a, b)| a - b));
+        (change, largest(trial.near().iter().copied()))
+    }
+
+    fn improve(&mut self, acceleration: &mut Acceleration, trial: &Self) {
+        acceleration.next(&mut self.values, &trial.values, self.n_near);
+    }
+}
+
+impl MainState {
+    /// The bone as it stands.
+    fn start(&mut self, bone: &Bone) -> Guess {
+        self.before.clone_from(&self.bone.x);
+        (bone.system).sweep_up(&self.pull, &mut self.pulled, &mut self.solve);
+        self.faces.start(bone, &self.before);
+        self.trial.clear();
+        self.trial.resize(self.before.len(), 0.0);
+        self.guess(&vec![0.0; self.before.len()])
+    }
+
+    /// The guess that `trial` and its half-solved loads make from the start of the step.
+    fn guess(&self, half_solved: &[f64]) -> Guess {
+        let unknowns = self.region.region.unknowns().iter();
+        let near = unknowns.map(|i| self.before[*i as usize] + self.trial[*i as usize]);
+        let mut values: Vec<f64> = near.collect();
+        let n_near = values.len();
+        values.extend_from_slice(half_solved);
+        Guess { values, n_near }
+    }
+
+    /// Shows the tools a guess of the bone, as far as they may touch it.
+    fn show(&mut self, bone: &Bone, guess: &Guess) {
+        (self.region).deform(bone, guess.near(), &mut self.bone, &mut self.volumes);
+        self.scene_state += 1;
+    }
+
+    /// Moves all of the bone to where the last sweep has brought its region.
+    fn arrive(&mut self, bone: &Bone) {
+        let region = &self.region.region;
+        (bone.system).sweep_down_rest(region, &mut self.swept, &mut self.trial, &mut self.solve);
+        self.settle(bone);
+    }
+
+    /// Moves all of the bone to a guess that is no result of a sweep.
+    fn halt(&mut self, bone: &Bone, guess: &Guess) {
+        self.swept.set(guess.half_solved());
+        (bone.system).sweep_down(&mut self.swept, &mut self.trial, &mut self.solve);
+        self.settle(bone);
+    }
+
+    /// Moves the bone by `trial` from the start of the step.
+    fn settle(&mut self, bone: &Bone) {
+        let moved = self.before.iter().zip(&self.trial).map(|(b, t)| b + t);
+        self.bone.x.clear();
+        self.bone.x.extend(moved);
+        self.pull = (bone.system).pull(&bone.body.mesh, &bone.topology, &self.bone.x);
+        bone.deform(&mut self.bone);
+        (self.volumes).update(&bone.shell, &self.bone.deformation);
+        self.scene_state += 1;
+    }
+
+    /// Elastic energy, without what the soft tissue's drag would hold \[N mm\].
+    fn strain_energy(&self) -> f64 {
+        let work = self.pull.iter().zip(&self.bone.x).map(|(f, x)| f * x);
+        -0.5 * work.sum::<f64>()
+    }
+}
+
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(0.0, |m, v| m.max(v.abs()))
 }
 
 fn rest_tools(
@@ -214,12 +333,7 @@ fn rest_tools(
     input: &MainInput,
     tools: &mut ToolsState,
 ) -> ToolsResult {
-    let scene = ContactScene {
-        shell: &bone.shell,
-        volumes: &state.volumes,
-        deformation: &state.bone.deformation,
-        state: state.scene_state,
-    };
+    let scene = scene(bone, &state.bone, &state.volumes, state.scene_state);
     let input = ToolInput {
         scene,
         devices: &input.devices,
@@ -244,16 +358,9 @@ fn solve_bone(
     input: &MainInput,
     tools: &ToolsState,
     is_first: bool,
-) -> (Vec<f64>, Vec<(CellForce, Source)>, bool) {
-    let forces = state.tools.point_forces(
-        model,
-        &ContactScene {
-            shell: &bone.shell,
-            volumes: &state.volumes,
-            deformation: &state.bone.deformation,
-            state: state.scene_state,
-        },
-    );
+) -> (Guess, Vec<(CellForce, Source)>, bool) {
+    let scene = scene(bone, &state.bone, &state.volumes, state.scene_state);
+    let forces = state.tools.point_forces(model, &scene);
     let load = |f: &PointForce| CellForce {
         cell: f.cell,
         weights: f.weights.map(f64::from),
@@ -266,18 +373,24 @@ fn solve_bone(
         state.yielding = Yielding::new(bone, &patches);
     }
     let swept = &mut state.swept;
-    swept.clone_from(&state.drag);
+    swept.clone_from(&state.pulled);
     let pushed = bone.sparse_loads(loads.iter().map(|l| &l.0));
     let pushed = bone.system.half_solve(&[pushed]);
     bone.system.add_half(&pushed, &[1.0], swept);
     if let Some(yielding) = &state.yielding {
-        yielding.correct(bone, &state.bone.x, swept);
+        yielding.correct(bone, &state.before, &state.bone.x, swept);
     }
-    let mut x = std::mem::take(&mut state.trial);
-    x.resize(bone.system.n(), 0.0);
-    let (pressures, are_apart) = (state.faces).press(bone, swept, &mut x, &mut state.solve);
+    let MainState {
+        region,
+        trial,
+        solve,
+        faces,
+        ..
+    } = state;
+    let (pressures, are_apart) = faces.press(bone, &region.region, swept, trial, solve);
     loads.extend(pressures.into_iter().map(|p| (p, Source::Face)));
-    (x, loads, are_apart)
+    let trial = state.guess(state.swept.values());
+    (trial, loads, are_apart)
 }
 
 /// The contacts of each tool (the first tool's come first) with its coupling's stiffness.
@@ -298,20 +411,4 @@ fn patches(
             .stiffness,
     };
     [patch(0, points), patch(1, second)]
-}
-
-/// Elastic energy without what the soft tissue's drag would hold \[N mm\].
-fn strain_energy(bone: &Bone, x: &[f64]) -> f64 {
-    let mut pull = vec![0.0; x.len()];
-    (bone.system).add_drag(&bone.body.mesh, &bone.topology, x, &mut pull);
-    let drag: f64 = pull.iter().zip(x).map(|(f, x)| 0.5 * f * x).sum();
-    bone.system.energy(x) - drag
-}
-
-/// Largest change of an unknown, and the largest unknown \[mm\].
-fn change(x: &[f64], trial: &[f64]) -> (f64, f64) {
-    let largest =
-        |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, |m: f64, v| m.max(v.abs()));
-    let change = largest(&mut x.iter().zip(trial).map(|(a, b)| a - b));
-    (change, largest(&mut trial.iter().copied()))
 }

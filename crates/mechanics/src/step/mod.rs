@@ -9,6 +9,7 @@ mod ligament;
 pub mod main;
 mod propagation;
 mod relaxation;
+mod sweep_region;
 mod walls;
 mod yielding;
 

@@ -10,14 +10,17 @@ use crate::geometry::Vec3;
 /// How the propagation step behaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PropagationSettings {
-    /// Ligaments are tried as a whole once at most this many mesh edges, or this share of all, still hold the two ends together.
-    pub ligament_edges: (usize, f64),
+    /// Ligaments are sought once at most so many mesh edges still hold the two ends together,
+    pub ligament_edges: usize,
+    /// or this share of all the mesh's edges, whichever is more.
+    pub ligament_share: f64,
 }
 
 impl Default for PropagationSettings {
     fn default() -> Self {
         Self {
-            ligament_edges: (12, 0.0025),
+            ligament_edges: 12,
+            ligament_share: 0.0025,
         }
     }
 }

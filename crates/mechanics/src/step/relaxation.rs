@@ -8,7 +8,8 @@ const FIRST_MOVE: f64 = 1.0;
 /// No sweep may move an unknown farther than this \[mm\].
 const LONGEST_MOVE: f64 = 4.0;
 
-/// The fixed point x = G(x), G = one sweep.
+/// The fixed point x = G(x), G = one sweep. Only the first unknowns are looked at; the rest is what depends linearly on them, and
+/// goes along.
 #[derive(Clone, Debug, Default)]
 pub struct Acceleration {
     /// Differences of residuals G(x) - x and of results G(x) between consecutive sweeps.
@@ -24,9 +25,9 @@ impl Acceleration {
         *self = Self::default();
     }
 
-    /// Replaces `x` by a better guess than `result` = G(x).
-    pub fn next(&mut self, x: &mut [f64], result: &[f64]) {
-        let residual: Vec<f64> = result.iter().zip(x.iter()).map(|(g, x)| g - x).collect();
+    /// Replaces `x` by a better guess than `result` = G(x), going by the first `n_seen` unknowns.
+    pub fn next(&mut self, x: &mut [f64], result: &[f64], n_seen: usize) {
+        let residual = difference(&result[..n_seen], &x[..n_seen]);
         if let Some((r, g)) = self.last.take() {
             self.residuals.push(difference(&residual, &r));
             self.results.push(difference(result, &g));
@@ -41,7 +42,7 @@ impl Acceleration {
         } else {
             LONGEST_MOVE
         };
-        let longest = mixed
+        let longest = mixed[..n_seen]
             .iter()
             .zip(x.iter())
             .fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
@@ -91,26 +92,28 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// A map that plain iteration would leave: spectral radius 1.8.
+    /// A map that plain iteration would leave: spectral radius 1.8. The last value goes along: 2 x_0 + x_2 of each guess and result.
     #[test]
     fn converges_where_plain_sweeps_diverge() {
         let map = |x: &[f64]| {
-            vec![
+            let (a, b, c) = (
                 1.0 - 1.8 * x[0] + 0.1 * x[1],
                 0.5 - 0.9 * x[1],
                 0.2 * x[2] + 0.1,
-            ]
+            );
+            vec![a, b, c, 2.0 * a + c]
         };
-        let mut x = vec![0.0; 3];
+        let mut x = vec![0.0; 4];
         let mut acceleration = Acceleration::default();
         for _ in 0..8 {
             let g = map(&x);
-            acceleration.next(&mut x, &g);
+            acceleration.next(&mut x, &g, 3);
         }
         let g = map(&x);
         let residual = difference(&g, &x)
             .iter()
             .fold(0.0, |m: f64, v| m.max(v.abs()));
         assert!(residual < 1e-6, "residual {residual}");
+        assert!((x[3] - 2.0 * x[0] - x[2]).abs() < 1e-12);
     }
 }

@@ -75,9 +75,11 @@ impl Yielding {
         })
     }
 
-    /// Adds B q to what is half solved of all other loads, so that the sweep down gives the corrected sweep from `old`.
-    pub fn correct(&self, bone: &Bone, old: &[f64], swept: &mut Swept) {
-        let free = DVector::from_vec(bone.system.project(&self.half, swept));
+    /// Adds B q to what is half solved of all other loads on the way from `before`, so that the sweep down gives the corrected sweep
+    /// from `old`.
+    pub fn correct(&self, bone: &Bone, before: &[f64], old: &[f64], swept: &mut Swept) {
+        let way = DVector::from_vec(bone.system.project(&self.half, swept));
+        let free = self.patches(before) + way;
         let pull = &self.stiffness * self.patches(old);
         let q = &pull - &self.correction * (free + &self.compliance * &pull);
         bone.system.add_half(&self.half, q.as_slice(), swept);

@@ -148,6 +148,7 @@ impl Default for ScratchLimits {
 #[derive(Clone, Debug)]
 pub struct ToolScratch {
     near: [NearPoints; 2],
+    n_dropped: [usize; 2],
     now: [Evaluation; 2],
     trial: [Evaluation; 2],
     held: Held,
@@ -174,6 +175,7 @@ impl ToolScratch {
         let near = || NearPoints::with_capacity(limits.n_cells, limits.n_contacts);
         Self {
             near: [near(), near()],
+            n_dropped: [0; 2],
             now: [evaluation(), evaluation()],
             trial: [evaluation(), evaluation()],
             held: Held::none(),
@@ -185,6 +187,19 @@ impl ToolScratch {
     /// The bone's points inside tool `t` at its last pose, by ascending cell.
     pub fn contacts(&self, t: usize) -> &[Contact] {
         &self.now[t].contacts
+    }
+
+    /// Looks for the points near the tools, for whoever sees the same scene next.
+    pub fn look_about(&mut self, model: &ToolModel, tools: &ToolsState, scene: &ContactScene) {
+        let tools = model.tools.iter().zip(&tools.poses);
+        for (near, (tool, pose)) in self.near.iter_mut().zip(tools) {
+            near.follow(&tool.shape, pose, scene);
+        }
+    }
+
+    /// The points near the tools that were looked for last.
+    pub fn near(&self) -> &[NearPoints; 2] {
+        &self.near
     }
 
     /// The forces of both tools on the bone at their last poses.
@@ -471,10 +486,18 @@ impl<'a> Solve<'a> {
     /// Puts tool `t` at `pose` for trial.
     fn evaluate(&mut self, t: usize, pose: &Pose) {
         let tool = &self.model.tools[t];
-        let (near, trial) = (&mut self.scratch.near[t], &mut self.scratch.trial[t]);
-        trial.pose = *pose;
-        near.follow(&tool.shape, pose, &self.input.scene);
         let scene = &self.input.scene;
+        let (own, trial) = (&mut self.scratch.near[t], &mut self.scratch.trial[t]);
+        trial.pose = *pose;
+        let found = scene.near.map(|near| &near[t]);
+        let near = match found.filter(|near| near.holds(&tool.shape, pose)) {
+            Some(near) => near,
+            None => {
+                own.follow(&tool.shape, pose, scene);
+                &*own
+            }
+        };
+        self.scratch.n_dropped[t] = near.n_dropped();
         penetrations(&tool.shape, pose, scene, near, &mut trial.contacts);
         let anchors = &self.input.anchors[t];
         trial.response = respond(&mut trial.contacts, &self.model.law, anchors, pose);
@@ -506,7 +529,7 @@ impl<'a> Solve<'a> {
             n_contacts: [0, 1].map(|t| s.now[t].contacts.len()),
             n_pair_contacts: s.pair.n_contacts,
             n_static_contacts: s.pair.n_static,
-            n_dropped: s.near.iter().map(NearPoints::n_dropped).sum(),
+            n_dropped: s.n_dropped.iter().sum(),
             contact_energy: each(&|e| e.response.energy) + s.pair.energy,
         }
     }

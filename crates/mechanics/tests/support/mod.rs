@@ -48,6 +48,7 @@ impl Block {
             volumes: &self.volumes,
             deformation: &self.deformation,
             state: 0,
+            near: None,
         }
     }
 

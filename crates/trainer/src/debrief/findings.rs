@@ -1,6 +1,7 @@
 //! Everything that a recording says about a session.
 use super::bad_split::Region;
 use super::bad_split::{BadSplit, classify, home, layout, regions};
+use super::context::{ContextFindings, context};
 use super::course::{Course, place};
 use super::hands::{self, HandFindings, Phases, stride};
 use super::nerve::{NerveFindings, nerve, reach};
@@ -34,6 +35,8 @@ pub struct Findings {
     pub bad_split: Result<BadSplit, String>,
     /// Tools touching teeth.
     pub teeth: Result<TeethFindings, String>,
+    /// Tools touching what stands still around the jaw; empty where nothing does.
+    pub context: Vec<ContextFindings>,
 }
 
 /// Contact of tools with crowns.
@@ -89,6 +92,7 @@ impl Findings {
                     "no canal of the operated side is known; name a file in patient.canal"
                         .to_owned()
                 }),
+            context: context(&prepared.surroundings, recording, &chisels),
             teeth: teeth(&course, recording, &patient.teeth, &chisels),
             bad_split,
             broken_s,
@@ -267,6 +271,7 @@ pub mod tests {
                 regions: BTreeMap::new(),
             }),
             teeth: Ok(TeethFindings::default()),
+            context: vec![],
         }
     }
 

@@ -229,6 +229,8 @@ pub mod tests {
         Recording {
             hands,
             ..Recording::empty(ScenarioMessage {
+                start: None,
+                retried: None,
                 scenario: scenario.clone(),
                 patient_digest: String::new(),
                 mode: "lockstep".into(),

@@ -142,7 +142,8 @@ fn stretch(rest: &[Vec3], now: &[Vec3]) -> f64 {
     (0..rest.len()).filter_map(of).fold(0.0, f64::max)
 }
 
-fn nearest_crack(line: &[Vec3], broken: &[CrackTriangle], radius: f64) -> Option<At> {
+/// The nearest that any of these came to the wall of a canal around `line`.
+pub fn nearest_crack(line: &[Vec3], broken: &[CrackTriangle], radius: f64) -> Option<At> {
     let of = |t: &CrackTriangle| {
         let distance = |p: &Vec3| {
             let w = closest_on_triangle(p, &t.corners);

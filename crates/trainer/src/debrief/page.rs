@@ -11,20 +11,21 @@ use crate::picture::{Stage, shots};
 use crate::session::{Loop, Recording};
 use anyhow::Result;
 use osteotome_render::Renderer;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// A session in figures, for comparison and learning curve.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Figures {
     /// What the session is called.
     pub name: String,
     rows: Vec<Figure>,
 }
 
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct Figure {
-    what: &'static str,
-    unit: &'static str,
+    what: Cow<'static, str>,
+    unit: Cow<'static, str>,
     decimals: usize,
     value: Option<f64>,
     /// Where there is no value.
@@ -32,18 +33,34 @@ struct Figure {
 }
 
 impl Figures {
+    /// Each figure: what it is, its unit, its value.
+    pub fn rows(&self) -> impl Iterator<Item = (&str, &str, Option<f64>)> {
+        (self.rows.iter()).map(|r| (r.what.as_ref(), r.unit.as_ref(), r.value))
+    }
+
+    /// The value of one.
+    pub fn value(&self, what: &str) -> Option<f64> {
+        self.rows().find(|r| r.0 == what)?.2
+    }
+
+    /// The score \[%\].
+    pub fn score(&self) -> Option<f64> {
+        self.value("Score")
+    }
+
     /// From what was found.
     pub fn of(name: &str, f: &Findings, score: &Score) -> Self {
         let mut rows = vec![];
-        let mut row = |what, unit, decimals, value: Result<f64, &str>| {
-            rows.push(Figure {
-                what,
-                unit,
-                decimals,
-                value: value.ok(),
-                why_not: value.err().unwrap_or_default().to_owned(),
-            });
-        };
+        let mut row =
+            |what: &'static str, unit: &'static str, decimals, value: Result<f64, &str>| {
+                rows.push(Figure {
+                    what: what.into(),
+                    unit: unit.into(),
+                    decimals,
+                    value: value.ok(),
+                    why_not: value.err().unwrap_or_default().to_owned(),
+                });
+            };
         let unbroken = "the bone did not come apart";
         row("Score", "%", 0, score.percent().ok_or("nothing is scored"));
         row("Time until the split", "s", 1, f.broken_s.ok_or(unbroken));
@@ -151,6 +168,16 @@ impl Figures {
             "s",
             2,
             f.teeth.as_ref().map(|t| t.seconds).map_err(String::as_str),
+        );
+        let touched: Vec<f64> = f.context.iter().filter_map(|c| c.seconds).collect();
+        row(
+            "Tools touching what is around the jaw, surface by surface",
+            "s",
+            2,
+            match touched.is_empty() {
+                true => Err("nothing closed is around the jaw"),
+                false => Ok(touched.iter().sum()),
+            },
         );
         Self {
             name: name.to_owned(),

@@ -131,6 +131,16 @@ fn line(key: &'static str, target: &Target, found: Found) -> Line {
     }
 }
 
+/// The larger of both hands' peaks, and when it was.
+fn worst(
+    f: &Findings,
+    of: fn(&super::hands::HandFindings) -> super::hands::At,
+) -> Result<(f64, Option<f64>), String> {
+    let [a, b] = f.hands.each_ref().map(of);
+    let at = if a.value > b.value { a } else { b };
+    Ok((at.value, Some(at.time_s)))
+}
+
 /// The value that a key is scored on.
 fn found(f: &Findings, key: &str) -> Found {
     let make = |what, unit, decimals, value| Found {
@@ -230,6 +240,14 @@ fn found(f: &Findings, key: &str) -> Found {
             1,
             f.broken_s.map(|t| (t, Some(t))).ok_or_else(unbroken),
         ),
+        "peak_force" => {
+            let worst = worst(f, |h| h.peak_force);
+            make("Largest force on the bone", "N", 0, worst)
+        }
+        "peak_torque" => {
+            let worst = worst(f, |h| h.peak_torque);
+            make("Largest torque on the bone", "N mm", 0, worst)
+        }
         "path_length" => make(
             "Path of both edges",
             "mm",

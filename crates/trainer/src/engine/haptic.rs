@@ -1,10 +1,10 @@
 use super::HandsView;
-use crate::loops::{HandOutput, HapticPart, Published, Subscribed};
+use crate::loops::{HandOutput, HapticPart, Published, Seen, Subscribed};
 use crate::scenario::Scenario;
 use anyhow::{Context, Result};
 use nalgebra::Matrix3x4;
 use osteotome_devices::Wrench;
-use osteotome_mechanics::contact::{BoundingVolumes, ContactScene, PointShell};
+use osteotome_mechanics::contact::{BoundingVolumes, ContactScene, NearPoints, PointShell};
 use osteotome_mechanics::geometry::{Pose, Vec3};
 use osteotome_mechanics::step::haptic::{
     DeviceLimits, HapticInput, HapticModel, HapticState, haptic_step,
@@ -27,6 +27,8 @@ pub struct BoneView {
     pub number: u64,
     /// Of this state.
     pub compliance: Option<BoneCompliance>,
+    /// Points near the tools as the main loop left them, so that the haptic loop need not look for them.
+    pub near: [NearPoints; 2],
     /// How far the bone has moved at each mark of the line \[mm\].
     pub line: Vec<Vec3>,
 }
@@ -40,6 +42,7 @@ impl BoneView {
             deformation: state.deformation.clone(),
             number: 1,
             compliance: None,
+            near: std::array::from_fn(|_| NearPoints::with_capacity(0, 0)),
             line: Vec::new(),
         }
     }
@@ -51,6 +54,7 @@ impl BoneView {
         self.deformation.clone_from(&state.bone.deformation);
         self.volumes.clone_from(&state.volumes);
         self.compliance = state.compliance;
+        self.near.clone_from(state.near());
     }
 
     /// As contact wants it.
@@ -60,6 +64,7 @@ impl BoneView {
             volumes: &self.volumes,
             deformation: &self.deformation,
             state: self.number,
+            near: Some(&self.near),
         }
     }
 }
@@ -68,8 +73,10 @@ impl BoneView {
 pub struct Haptic {
     model: HapticModel,
     state: HapticState,
-    bone: Subscribed<BoneView>,
+    pub(super) bone: Subscribed<BoneView>,
     hands: Published<HandsView>,
+    steps: u64,
+    seen: u64,
 }
 
 impl Haptic {
@@ -86,6 +93,8 @@ impl Haptic {
             state: HapticState::new(start, n_ids, ScratchLimits::default()),
             bone: view,
             hands,
+            steps: 0,
+            seen: 0,
         })
     }
 
@@ -124,6 +133,8 @@ pub fn haptic_model(scenario: &Scenario, tools: ToolModel) -> Result<HapticModel
 impl HapticPart for Haptic {
     fn step(&mut self, devices: &[Pose; 2], dt: f64) -> [HandOutput; 2] {
         let bone = self.bone.read();
+        self.seen = bone.number;
+        self.steps += 1;
         let input = HapticInput {
             scene: bone.scene(),
             compliance: bone.compliance.as_ref(),
@@ -132,6 +143,7 @@ impl HapticPart for Haptic {
         };
         let output = haptic_step(&self.model, &mut self.state, &input);
         self.hands.write(HandsView {
+            steps: self.steps,
             devices: *devices,
             tools: output.tools,
         });
@@ -147,6 +159,13 @@ impl HapticPart for Haptic {
                 contacts: output.result.n_contacts[i] as u32,
             }
         })
+    }
+
+    fn seen(&self) -> Seen {
+        Seen {
+            state: self.seen,
+            generation: None,
+        }
     }
 
     fn line(&mut self) -> &[Vec3] {

@@ -1,7 +1,7 @@
 use super::HandsView;
 use super::haptic::BoneView;
 use super::propagation::Loaded;
-use crate::loops::{MainPart, Published, Subscribed};
+use crate::loops::{MainPart, Published, Seen, Subscribed};
 use crate::session::{BoneSample, MainSample};
 use crate::surgeon::{Mark, SplitLine};
 use osteotome_mechanics::geometry::Vec3;
@@ -24,8 +24,10 @@ pub struct Main {
     settings: MainSettings,
     bone: Arc<Bone>,
     state: MainState,
-    ends: Ends,
+    pub(super) ends: Ends,
     serial: u64,
+    /// Haptic steps made when the hands were read last.
+    hands_seen: u64,
     /// A tetrahedron at each mark of the osteotomy line.
     line: Vec<u32>,
 }
@@ -46,6 +48,7 @@ impl Main {
             bone,
             ends,
             serial: 0,
+            hands_seen: 0,
         }
     }
 
@@ -118,6 +121,13 @@ fn moved(bone: &Bone, state: &BoneState, tet: u32) -> Vec3 {
 }
 
 impl MainPart for Main {
+    fn seen(&self) -> Seen {
+        Seen {
+            state: self.hands_seen,
+            generation: Some(self.bone.generation.into()),
+        }
+    }
+
     fn generation(&self) -> u64 {
         self.state().generation.into()
     }
@@ -134,6 +144,7 @@ impl MainPart for Main {
     fn step(&mut self) -> MainSample {
         self.adopt();
         let hands = *self.ends.hands.read();
+        self.hands_seen = hands.steps;
         let input = MainInput {
             devices: hands.devices,
             tools: hands.tools,

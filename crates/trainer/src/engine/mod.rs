@@ -1,6 +1,7 @@
 //! A scenario made into the three parts that the loops drive, around the steps of `osteotome_mechanics`.
 mod bone_file;
 mod haptic;
+mod held;
 mod main;
 mod prepare;
 mod propagation;
@@ -8,11 +9,12 @@ mod rebase;
 mod surroundings;
 
 pub use haptic::haptic_model;
+pub(crate) use held::Held;
 pub use prepare::{Prepared, prepare};
 pub use propagation::cut_since;
 pub use surroundings::Surrounding;
 
-use crate::loops::{Parts, latest};
+use crate::loops::{Parts, Underway, latest};
 use crate::scenario::{Scenario, Tool};
 use crate::session::FinalBone;
 use anyhow::{Context, Result};
@@ -26,9 +28,16 @@ use std::sync::Arc;
 /// The parts of a session.
 pub type Engine = Parts<haptic::Haptic, main::Main, propagation::Propagation>;
 
+/// Likewise between two steps.
+pub(crate) type EngineUnderway = Underway<haptic::Haptic, main::Main, propagation::Propagation>;
+pub(crate) use main::Main as MainOfEngine;
+pub(crate) use propagation::Propagation as PropagationOfEngine;
+
 /// What the haptic loop tells the main loop.
 #[derive(Clone, Copy, Debug)]
 struct HandsView {
+    /// Haptic steps made.
+    steps: u64,
     devices: [Pose; 2],
     tools: ToolsState,
 }
@@ -43,6 +52,7 @@ pub fn connect(prepared: &Prepared, scenario: &Scenario, start: [Pose; 2]) -> Re
     let state = bone.at_rest();
     let (bone_view_tx, bone_view_rx) = latest(&BoneView::new(bone, &state));
     let at_start = HandsView {
+        steps: 0,
         devices: start,
         tools: ToolsState { poses: start },
     };

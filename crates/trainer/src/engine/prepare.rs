@@ -6,7 +6,7 @@ use anyhow::{Context, Result, anyhow};
 use osteotome_anatomy::osteotomy::PointSpec;
 use osteotome_anatomy::{
     MaterialSpec, MeshSource, Osteotomy, OsteotomySource, PartKind, Patient, PatientSpec, Side,
-    SurfacePoint, SurfaceSource, Tissue,
+    SurfacePoint, SurfaceSource, Technique, Tissue,
 };
 use osteotome_mechanics::bone::Supports;
 use osteotome_mechanics::contact::{PointOrigin, ShellPoint};
@@ -98,10 +98,13 @@ fn patient_spec(s: &Scenario) -> PatientSpec {
             cortical_thickness: s.material.cortical_thickness,
             ..MaterialSpec::default()
         },
+        density: s.material.density.clone(),
         osteotomy: match (&s.osteotomy.file, &s.osteotomy.points) {
             (Some(path), _) => OsteotomySource::File(path.clone()),
             (None, Some(points)) => OsteotomySource::Points(points.iter().map(point).collect()),
-            (None, None) => OsteotomySource::DalPont,
+            (None, None) => {
+                OsteotomySource::Technique(s.osteotomy.technique.unwrap_or(Technique::Hunsuck))
+            }
         },
         side: Some(match s.osteotomy.side {
             scenario::Side::Right => Side::Right,

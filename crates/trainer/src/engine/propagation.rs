@@ -1,5 +1,5 @@
 use super::rebase::Rebase;
-use crate::loops::{Propagated, PropagationPart, Published, Subscribed};
+use crate::loops::{Propagated, PropagationPart, Published, Seen, Subscribed};
 use crate::session::{FrontPoint, GrowthSample};
 use osteotome_mechanics::crack::{CutEdges, bridging_edges};
 use osteotome_mechanics::geometry::Vec3;
@@ -26,7 +26,7 @@ pub struct Propagation {
     sawn_area: f64,
     settings: PropagationSettings,
     state: Subscribed<Loaded>,
-    grown: Published<Arc<Bone>>,
+    pub(super) grown: Published<Arc<Bone>>,
     seen: u64,
     /// How often the fronts were looked at.
     n_looks: u64,
@@ -104,6 +104,13 @@ impl Propagation {
 }
 
 impl PropagationPart for Propagation {
+    fn seen(&self) -> Seen {
+        Seen {
+            state: self.seen,
+            generation: None,
+        }
+    }
+
     fn crack(&self) -> GrowthSample {
         self.sample(&GrowthReport::default(), None)
     }

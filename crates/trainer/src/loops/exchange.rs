@@ -13,7 +13,7 @@
 //! | whoever looks on | all | pause, stop | [`Control`] |
 //!
 //! A triple buffer's reader never frees: the writer overwrites, and with it drops, the value two publications old.
-use crate::session::{BoneSample, GrowthSample, HapticSample, MainSample};
+use crate::session::{BoneSample, GrowthSample, HapticSample, MainSample, Seen};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -32,6 +32,8 @@ pub fn latest<T: Clone + Send>(initial: &T) -> (Published<T>, Subscribed<T>) {
 pub struct Timed<T> {
     /// The sample.
     pub sample: T,
+    /// What its step read of the other loops.
+    pub seen: Seen,
     /// \[us\]
     pub step_us: f64,
 }
@@ -142,7 +144,8 @@ impl Control {
     pub fn stop(&self) {
         self.0.stop.store(true, Ordering::Release);
     }
-    fn is_stopped(&self) -> bool {
+    /// Whether it is to end.
+    pub fn is_stopped(&self) -> bool {
         self.0.stop.load(Ordering::Acquire)
     }
 }

@@ -1,6 +1,5 @@
 use super::{
-    BoneClock, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart,
-    Sink, view,
+    HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart, Sink, Underway, view,
 };
 use crate::input::Input;
 use crate::scenario::Scenario;
@@ -22,25 +21,35 @@ pub fn lockstep<H: HapticPart, M: MainPart, P: PropagationPart>(
     sink: &mut impl Sink,
     progress: Progress,
 ) -> Result<Parts<H, M, P>> {
-    let Parts {
-        haptic,
+    let underway = Underway::begin(parts, input, scenario, sink)?;
+    lockstep_on(underway, scenario, sink, progress)
+}
+
+/// Likewise from the middle of a session on.
+///
+/// # Errors
+/// As [`lockstep`].
+pub(crate) fn lockstep_on<H: HapticPart, M: MainPart, P: PropagationPart>(
+    underway: Underway<H, M, P>,
+    scenario: &Scenario,
+    sink: &mut impl Sink,
+    progress: Progress,
+) -> Result<Parts<H, M, P>> {
+    let Underway {
+        mut haptic,
         mut main,
         mut propagation,
-    } = parts;
-    let start = propagation.crack();
-    let mut crack = view(&start);
-    sink.growth(start)?;
-    let mut haptic = HapticLoop::new(haptic, input, scenario);
-    let mut time = 0.0;
-    let mut bone_clock = BoneClock::default();
+        mut bone_clock,
+    } = underway;
+    let mut crack = view(&propagation.crack());
+    let every = u64::from(scenario.loops.haptic_per_main());
+    let mut time = haptic.next_step.saturating_sub(1) as f64 * haptic.dt;
     while !haptic.is_finished() {
-        for _ in 0..scenario.loops.haptic_per_main() {
-            if haptic.is_finished() {
-                break;
-            }
+        while !haptic.is_finished() {
             let (sample, step_us) = timed(|| haptic.tick(&crack));
             time = sample.time;
             sink.haptic(&sample)?;
+            sink.seen(time, Loop::Haptic, haptic.part.seen())?;
             sink.timing(
                 &StepTime {
                     time,
@@ -49,10 +58,14 @@ pub fn lockstep<H: HapticPart, M: MainPart, P: PropagationPart>(
                 },
                 false,
             )?;
+            if haptic.next_step.is_multiple_of(every) {
+                break;
+            }
         }
         let (mut sample, step_us) = timed(|| main.step());
         sample.time = time;
         sink.main(&sample)?;
+        sink.seen(time, Loop::Main, main.seen())?;
         if bone_clock.is_due(main.generation())
             && let Some(bone) = main.bone()
         {
@@ -73,6 +86,9 @@ pub fn lockstep<H: HapticPart, M: MainPart, P: PropagationPart>(
             of: Loop::Propagation,
             step_us,
         };
+        if !matches!(propagated, Propagated::Idle) {
+            sink.seen(time, Loop::Propagation, propagation.seen())?;
+        }
         match propagated {
             Propagated::Idle => {}
             Propagated::Checked => sink.timing(&step, false)?,

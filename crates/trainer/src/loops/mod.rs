@@ -3,9 +3,12 @@ mod exchange;
 mod lockstep;
 mod realtime;
 
+pub use crate::session::Seen;
 pub use exchange::{Control, Published, Subscribed, latest};
 pub use lockstep::lockstep;
+pub(crate) use lockstep::lockstep_on;
 pub(crate) use lockstep::timed;
+pub(crate) use realtime::realtime_on;
 pub use realtime::{realtime, realtime_under};
 
 use crate::input::Input;
@@ -35,6 +38,10 @@ pub struct HandOutput {
 pub trait HapticPart: Send {
     /// One step of `dt` \[s\]. Does not allocate, wait or log.
     fn step(&mut self, devices: &[Pose; 2], dt: f64) -> [HandOutput; 2];
+    /// What the last step read.
+    fn seen(&self) -> Seen {
+        Seen::default()
+    }
     /// How far the bone has moved at each mark of the osteotomy line, as last seen \[mm\].
     fn line(&mut self) -> &[Vec3];
     /// Why the output has been zero since, if it has.
@@ -45,6 +52,10 @@ pub trait HapticPart: Send {
 pub trait MainPart: Send {
     /// One step.
     fn step(&mut self) -> MainSample;
+    /// What the last step read.
+    fn seen(&self) -> Seen {
+        Seen::default()
+    }
     /// The generation of the bone that the last step worked on.
     fn generation(&self) -> u64 {
         0
@@ -71,6 +82,10 @@ pub enum Propagated {
 
 /// The propagation loop's share.
 pub trait PropagationPart: Send {
+    /// What the last step read.
+    fn seen(&self) -> Seen {
+        Seen::default()
+    }
     /// The crack as it stands.
     fn crack(&self) -> GrowthSample;
     /// One step.
@@ -106,6 +121,10 @@ pub trait Sink {
     fn growth(&mut self, sample: GrowthSample) -> Result<()>;
     /// How long a step took.
     fn timing(&mut self, sample: &StepTime, grew: bool) -> Result<()>;
+    /// What a step read of the other loops; told after the step's sample.
+    fn seen(&mut self, _time: f64, _of: Loop, _seen: Seen) -> Result<()> {
+        Ok(())
+    }
     /// Something worth knowing.
     fn event(&mut self, time: f64, event: &str) -> Result<()>;
     /// A loop's pace, at the end.
@@ -115,13 +134,13 @@ pub trait Sink {
 /// Says when the bone is to be recorded: after every fourth main step (at 50 Hz, 12.5 times a second), and whenever it has grown
 /// a new crack.
 #[derive(Default)]
-struct BoneClock {
+pub(crate) struct BoneClock {
     since: u32,
     generation: Option<u64>,
 }
 
 impl BoneClock {
-    fn is_due(&mut self, generation: u64) -> bool {
+    pub(crate) fn is_due(&mut self, generation: u64) -> bool {
         const EVERY: u32 = 4;
         self.since += 1;
         let is_due = self.since >= EVERY || self.generation != Some(generation);
@@ -136,9 +155,35 @@ impl BoneClock {
 /// Told how far the simulated time has come \[s\], and whether the bone is apart.
 pub type Progress<'a> = &'a mut dyn FnMut(f64, bool);
 
+/// A session between two steps: at its beginning, or somewhere in its middle.
+pub(crate) struct Underway<H, M, P> {
+    pub(crate) haptic: HapticLoop<H>,
+    pub(crate) main: M,
+    pub(crate) propagation: P,
+    pub(crate) bone_clock: BoneClock,
+}
+
+impl<H: HapticPart, M: MainPart, P: PropagationPart> Underway<H, M, P> {
+    /// At the beginning; tells the sink of the crack.
+    pub(crate) fn begin(
+        parts: Parts<H, M, P>,
+        input: Input,
+        scenario: &Scenario,
+        sink: &mut impl Sink,
+    ) -> Result<Self> {
+        sink.growth(parts.propagation.crack())?;
+        Ok(Self {
+            haptic: HapticLoop::new(parts.haptic, input, scenario),
+            main: parts.main,
+            propagation: parts.propagation,
+            bone_clock: BoneClock::default(),
+        })
+    }
+}
+
 /// The haptic loop: hands, devices, step.
-struct HapticLoop<H> {
-    part: H,
+pub(crate) struct HapticLoop<H> {
+    pub(crate) part: H,
     input: Input,
     dt: f64,
     max_steps: u64,
@@ -147,19 +192,25 @@ struct HapticLoop<H> {
 }
 
 impl<H: HapticPart> HapticLoop<H> {
-    fn new(part: H, input: Input, scenario: &Scenario) -> Self {
+    /// Before the first step.
+    pub(crate) fn new(part: H, input: Input, scenario: &Scenario) -> Self {
+        Self::after(0, part, input, scenario)
+    }
+
+    /// After so many steps.
+    pub(crate) fn after(steps: u64, part: H, input: Input, scenario: &Scenario) -> Self {
         Self {
             part,
             input,
             dt: scenario.loops.dt(),
             max_steps: (scenario.max_time * scenario.loops.haptic_hz).ceil() as u64,
-            next_step: 0,
+            next_step: steps,
             faults: 0,
         }
     }
 
     /// One tick: plan, read, step, write.
-    fn tick(&mut self, crack: &CrackView) -> HapticSample {
+    pub(crate) fn tick(&mut self, crack: &CrackView) -> HapticSample {
         self.input.plan(crack, self.part.line());
         let readings = self.input.read();
         let output = self.part.step(&readings.map(|r| r.pose), self.dt);
@@ -216,7 +267,7 @@ impl<H: HapticPart> HapticLoop<H> {
 }
 
 /// What the surgeon sees of a growth.
-fn view(sample: &GrowthSample) -> CrackView {
+pub(crate) fn view(sample: &GrowthSample) -> CrackView {
     CrackView {
         generation: sample.generation,
         severed: sample.severed,

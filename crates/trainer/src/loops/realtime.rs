@@ -2,7 +2,7 @@ use super::exchange::{Control, Looked, RingIn, RingsOut, Shared, Timed, latest, 
 use super::lockstep::timed;
 use super::{
     BoneClock, HapticLoop, HapticPart, MainPart, Parts, Progress, Propagated, PropagationPart,
-    Published, Sink, Subscribed, view,
+    Published, Sink, Subscribed, Underway, view,
 };
 use crate::input::Input;
 use crate::scenario::Scenario;
@@ -40,17 +40,31 @@ pub fn realtime_under<H: HapticPart, M: MainPart, P: PropagationPart>(
     sink: &mut impl Sink,
     progress: Progress,
 ) -> Result<Parts<H, M, P>> {
+    let underway = Underway::begin(parts, input, scenario, sink)?;
+    realtime_on(control, underway, scenario, sink, progress)
+}
+
+/// Likewise from the middle of a session on.
+///
+/// # Errors
+/// As [`realtime`].
+pub(crate) fn realtime_on<H: HapticPart, M: MainPart, P: PropagationPart>(
+    control: &Control,
+    underway: Underway<H, M, P>,
+    scenario: &Scenario,
+    sink: &mut impl Sink,
+    progress: Progress,
+) -> Result<Parts<H, M, P>> {
     let shared = Shared::under(control);
     let (rings_in, mut rings_out) = rings();
-    let start = parts.propagation.crack();
-    let (crack_tx, crack_rx) = latest(&view(&start));
-    sink.growth(start)?;
-    let Parts {
+    let Underway {
         haptic,
         main,
         propagation,
-    } = parts;
-    let haptic = HapticLoop::new(haptic, input, scenario);
+        bone_clock,
+    } = underway;
+    shared.count(haptic.next_step);
+    let (crack_tx, crack_rx) = latest(&view(&propagation.crack()));
     let period = Duration::from_secs_f64(1.0 / scenario.loops.main_hz);
     let dt = scenario.loops.dt();
     std::thread::scope(|scope| {
@@ -63,7 +77,8 @@ pub fn realtime_under<H: HapticPart, M: MainPart, P: PropagationPart>(
         let main = Builder::new()
             .name("main".into())
             .spawn_scoped(scope, move || {
-                main_loop(main, rings_in.main, rings_in.bone, shared, period, dt)
+                let rings = (rings_in.main, rings_in.bone);
+                main_loop(main, bone_clock, rings, shared, period, dt)
             });
         let propagation = Builder::new()
             .name("propagation".into())
@@ -244,7 +259,12 @@ fn haptic_loop<H: HapticPart>(
             }
         };
         shared.count(haptic.next_step);
-        ring.put(Timed { sample, step_us });
+        let seen = haptic.part.seen();
+        ring.put(Timed {
+            sample,
+            seen,
+            step_us,
+        });
         pacer.wait();
     }
     let account = Account {
@@ -258,15 +278,14 @@ fn haptic_loop<H: HapticPart>(
 
 fn main_loop<M: MainPart>(
     mut part: M,
-    mut ring: RingIn<Timed<MainSample>>,
-    mut bones: RingIn<BoneSample>,
+    mut bone_clock: BoneClock,
+    (mut ring, mut bones): (RingIn<Timed<MainSample>>, RingIn<BoneSample>),
     shared: &Shared,
     period: Duration,
     dt: f64,
 ) -> (M, Account) {
     let _stop = StopOnDrop(shared);
     let mut pacer = Pacer::new(period);
-    let mut bone_clock = BoneClock::default();
     let mut panic = None;
     while !shared.is_stopping() {
         if shared.is_paused() {
@@ -282,7 +301,12 @@ fn main_loop<M: MainPart>(
         };
         let time = shared.steps() as f64 * dt;
         sample.time = time;
-        ring.put(Timed { sample, step_us });
+        let seen = part.seen();
+        ring.put(Timed {
+            sample,
+            seen,
+            step_us,
+        });
         if bone_clock.is_due(part.generation())
             && let Some(bone) = part.bone()
         {
@@ -342,6 +366,7 @@ fn propagation_loop<P: PropagationPart>(
         let time = shared.steps() as f64 * dt;
         ring.put(Timed {
             sample: Looked { time, growth },
+            seen: part.seen(),
             step_us,
         });
     }
@@ -380,8 +405,13 @@ fn record(
 
 /// Takes out what is in the rings.
 fn drain(rings: &mut RingsOut, sink: &mut impl Sink, severed: &mut bool) -> Result<()> {
-    while let Ok(Timed { sample, step_us }) = rings.propagation.pop() {
-        let Looked { time, growth } = sample;
+    while let Ok(timed) = rings.propagation.pop() {
+        let Timed {
+            sample: Looked { time, growth },
+            seen,
+            step_us,
+        } = timed;
+        sink.seen(time, Loop::Propagation, seen)?;
         let grew = growth.is_some();
         if let Some(mut growth) = growth {
             growth.time = time;
@@ -397,8 +427,14 @@ fn drain(rings: &mut RingsOut, sink: &mut impl Sink, severed: &mut bool) -> Resu
             grew,
         )?;
     }
-    while let Ok(Timed { sample, step_us }) = rings.haptic.pop() {
+    while let Ok(timed) = rings.haptic.pop() {
+        let Timed {
+            sample,
+            seen,
+            step_us,
+        } = timed;
         sink.haptic(&sample)?;
+        sink.seen(sample.time, Loop::Haptic, seen)?;
         let time = sample.time;
         sink.timing(
             &StepTime {
@@ -412,8 +448,14 @@ fn drain(rings: &mut RingsOut, sink: &mut impl Sink, severed: &mut bool) -> Resu
     while let Ok(bone) = rings.bone.pop() {
         sink.bone(&bone)?;
     }
-    while let Ok(Timed { sample, step_us }) = rings.main.pop() {
+    while let Ok(timed) = rings.main.pop() {
+        let Timed {
+            sample,
+            seen,
+            step_us,
+        } = timed;
         sink.main(&sample)?;
+        sink.seen(sample.time, Loop::Main, seen)?;
         let time = sample.time;
         sink.timing(
             &StepTime {

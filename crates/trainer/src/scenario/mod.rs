@@ -11,6 +11,8 @@ pub use read::{Source, explain, load, parse_toml, plain};
 pub use targets::{Target, Targets};
 
 use osteotome_anatomy::Parameters;
+pub use osteotome_anatomy::Technique;
+use osteotome_anatomy::density::DensitySpec;
 use osteotome_devices::Binding;
 use osteotome_mechanics::bone::EngineeringConstants;
 use serde::{Deserialize, Serialize};
@@ -58,6 +60,9 @@ pub struct Scenario {
     /// How two eyes look at it.
     #[serde(default)]
     pub view: Eyes,
+    /// Whether the window gives no hints.
+    #[serde(default)]
+    pub exam: bool,
     /// What a debrief scores, with thresholds and weights.
     #[serde(default)]
     pub targets: Targets,
@@ -154,6 +159,9 @@ pub struct Materials {
     pub trabecular: Material,
     /// Thickness of the cortical layer \[mm\].
     pub cortical_thickness: f64,
+    /// Young's modulus of bone by a scan's density, in place of the two above.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub density: Option<DensitySpec>,
 }
 
 impl Default for Materials {
@@ -171,6 +179,7 @@ impl Default for Materials {
                 toughness: [0.2, 0.2],
             },
             cortical_thickness: 2.2,
+            density: None,
         }
     }
 }
@@ -219,14 +228,6 @@ pub enum Side {
     Right,
     /// The patient's left.
     Left,
-}
-
-/// Named ways of sawing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Technique {
-    /// Dal Pont: medial cut, ridge, buccal cut through the lower border.
-    DalPont,
 }
 
 /// One point of the line.

@@ -43,14 +43,17 @@ const ALTERNATIVES: [(&str, &[&str]); 3] = [
 ];
 
 /// Keys that hold a path.
-const PATHS: [[&str; 2]; 6] = [
+const PATHS: [[&str; 2]; 7] = [
     ["patient", "directory"],
     ["patient", "surface"],
     ["patient", "context"],
     ["patient", "canal"],
     ["mesh", "file"],
     ["osteotomy", "file"],
+    ["material", "density"],
 ];
+/// A path within one of those.
+const SCAN: [&str; 3] = ["material", "density", "scan"];
 
 impl Override {
     /// The key as the user wrote it.
@@ -64,7 +67,7 @@ impl Override {
     /// A key that leads through something that is not a table or a list, or past a list's end.
     pub fn apply(&self, tree: &mut Table, working_directory: &Path) -> Result<()> {
         let mut value = self.value.clone();
-        if PATHS.iter().any(|p| self.path == *p) {
+        if PATHS.iter().any(|p| self.path == *p) || self.path == SCAN {
             make_absolute(&mut value, working_directory);
         }
         if let [section, key, ..] = self.path.as_slice() {
@@ -149,6 +152,11 @@ fn make_absolute(value: &mut Value, folder: &Path) {
         Value::Array(list) => {
             for entry in list.iter_mut().filter_map(|e| e.get_mut("surface")) {
                 make_absolute(entry, folder);
+            }
+        }
+        Value::Table(table) => {
+            if let Some(scan) = table.get_mut(SCAN[2]) {
+                make_absolute(scan, folder);
             }
         }
         _ => {}

@@ -173,6 +173,8 @@ fn validate(s: &Scenario, place: &impl Fn(&str) -> String) -> Result<()> {
         nine.check().map_err(|e| anyhow!("{}: {e}", place(key)))?;
     }
     at.positive("material.cortical_thickness", s.material.cortical_thickness)?;
+    let scan = s.material.density.as_ref().map(|d| d.scan.as_path());
+    at.existing("material.density.scan", scan)?;
     at.count("mesh.nodes", s.mesh.nodes, 100, 200_000)?;
     at.range("mesh.grading", s.mesh.grading, 1.0, 6.0)?;
     at.count("mesh.shell_points", s.mesh.shell_points, 1000, 1_000_000)?;

@@ -50,6 +50,10 @@ pub struct Targets {
     pub balance: Target,
     /// Time until the split \[s\].
     pub time: Target,
+    /// Largest force of either hand on the bone \[N\]; also what the coach shows.
+    pub peak_force: Target,
+    /// Likewise torque \[N mm\].
+    pub peak_torque: Target,
     /// Path of both edges together \[mm\].
     pub path_length: Target,
     /// Spectral arc length of the less smooth hand.
@@ -70,6 +74,8 @@ impl Default for Targets {
             teeth: Target::new(0.0, 1.0, 3.0),
             balance: Target::new(0.7, 0.2, 3.0),
             time: Target::new(60.0, 300.0, 3.0),
+            peak_force: Target::new(200.0, 500.0, 0.0),
+            peak_torque: Target::new(16_000.0, 20_000.0, 0.0),
             path_length: Target::new(300.0, 2000.0, 3.0),
             smoothness: Target::new(-3.0, -12.0, 3.0),
         }
@@ -78,7 +84,7 @@ impl Default for Targets {
 
 impl Targets {
     /// The lines with a scale, by key.
-    pub fn scaled(&self) -> [(&'static str, Target); 11] {
+    pub fn scaled(&self) -> [(&'static str, Target); 13] {
         [
             ("path_deviation", self.path_deviation),
             ("nerve_distance", self.nerve_distance),
@@ -89,6 +95,8 @@ impl Targets {
             ("teeth", self.teeth),
             ("balance", self.balance),
             ("time", self.time),
+            ("peak_force", self.peak_force),
+            ("peak_torque", self.peak_torque),
             ("path_length", self.path_length),
             ("smoothness", self.smoothness),
         ]

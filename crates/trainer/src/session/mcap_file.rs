@@ -1,6 +1,7 @@
 //! `session.mcap`: JSON channels with schemas, chunked, zstd.
 use super::sample::{
-    BoneSample, GrowthSample, HandSample, HapticSample, MainSample, StepTime, Wire,
+    BoneSample, Exchange, GrowthSample, HandSample, HapticSample, MainSample, PoseForm, StepTime,
+    Wire,
 };
 use anyhow::{Context, Result, bail};
 use mcap::records::MessageHeader;
@@ -12,7 +13,7 @@ use std::io::BufWriter;
 use std::path::Path;
 
 /// Channel, schema name, JSON schema's properties.
-const CHANNELS: [(&str, &str, &str); 8] = [
+const CHANNELS: [(&str, &str, &str); 9] = [
     ("/haptic/left", "osteotome.hand/1", HAND),
     ("/haptic/right", "osteotome.hand/1", HAND),
     (
@@ -45,6 +46,11 @@ const CHANNELS: [(&str, &str, &str); 8] = [
         "osteotome.bone/1",
         include_str!("schemas/bone.json"),
     ),
+    (
+        "/exchange",
+        "osteotome.exchange/1",
+        include_str!("schemas/exchange.json"),
+    ),
 ];
 
 const HAND: &str = include_str!("schemas/hand.json");
@@ -58,6 +64,23 @@ pub struct ScenarioMessage {
     pub patient_digest: String,
     /// `realtime` or `lockstep`.
     pub mode: String,
+    /// Where the devices were before the first step; absent in older recordings.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start: Option<[PoseForm; 2]>,
+    /// Which recording this session goes on from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub retried: Option<Origin>,
+}
+
+/// The recording that a session goes on from; up to the moment it is recomputed, from then on live.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Origin {
+    /// SHA-256 of its `session.mcap`.
+    pub session_sha256: String,
+    /// The moment \[s\].
+    pub at_s: f64,
+    /// Haptic steps recomputed.
+    pub steps: u64,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -157,6 +180,11 @@ impl RecordingWriter {
         self.put(4, sample.time, sample)
     }
 
+    /// What a step read of the other loops.
+    pub fn exchange(&mut self, time: f64, sample: &Exchange) -> Result<()> {
+        self.put(8, time, sample)
+    }
+
     /// Something worth knowing.
     pub fn event(&mut self, time: f64, event: &str) -> Result<()> {
         let event = event.to_owned();
@@ -184,6 +212,8 @@ pub struct Recording {
     pub bone: Vec<BoneSample>,
     /// How long steps took.
     pub timing: Vec<StepTime>,
+    /// What steps read of the other loops; none in older recordings.
+    pub exchange: Vec<Exchange>,
     /// What was worth knowing, and when \[s\].
     pub events: Vec<(f64, String)>,
     /// Whether the recording breaks off: the program was killed, or the disk was full.
@@ -222,7 +252,7 @@ impl Recording {
         let mut scenario = None;
         let mut hands = [vec![], vec![]];
         let (mut main, mut growth, mut bone) = (vec![], vec![], vec![]);
-        let (mut timing, mut events) = (vec![], vec![]);
+        let (mut timing, mut events, mut exchange) = (vec![], vec![], vec![]);
         for message in stream {
             let message = match message {
                 Ok(message) => message,
@@ -255,6 +285,7 @@ impl Recording {
                     time,
                     ..serde_json::from_slice(data).with_context(bad)?
                 }),
+                "/exchange" => exchange.push(serde_json::from_slice(data).with_context(bad)?),
                 "/event" => {
                     let event: Event = serde_json::from_slice(data).with_context(bad)?;
                     events.push((time, event.event));
@@ -287,6 +318,7 @@ impl Recording {
             growth,
             bone,
             timing,
+            exchange,
             events,
             is_cut_short: !whole,
         })
@@ -304,6 +336,7 @@ impl Recording {
             growth: vec![],
             bone: vec![],
             timing: vec![],
+            exchange: vec![],
             events: vec![],
             is_cut_short: false,
         }
@@ -324,7 +357,9 @@ impl Recording {
 
     /// Where the devices were at the beginning.
     pub fn start(&self) -> [Pose; 2] {
-        [0, 1].map(|i| self.hands[i][0].device_pose)
+        let first = [0, 1].map(|i| self.hands[i][0].device_pose);
+        let told = self.scenario.start.as_ref();
+        told.map_or(first, |s| s.each_ref().map(Pose::from_wire))
     }
 
     /// How long it lasts \[s\].
@@ -348,6 +383,8 @@ mod tests {
             scenario: load(&source, &[], Path::new("/")).unwrap(),
             patient_digest: "abc".into(),
             mode: "lockstep".into(),
+            start: None,
+            retried: None,
         }
     }
 

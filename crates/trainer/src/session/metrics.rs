@@ -1,9 +1,11 @@
 //! `metrics.json`: the figures of a session, gathered sample by sample.
 use super::sample::{GrowthSample, HapticSample, Loop, MainSample, StepTime};
 use crate::debrief::{
-    BadSplit, Findings, HandFindings, NerveFindings, PathFindings, Score, TeethFindings,
+    BadSplit, ContextFindings, Findings, HandFindings, NerveFindings, PathFindings, Score,
+    TeethFindings,
 };
 use crate::scenario::Scenario;
+use crate::step_times::StepTimes;
 use osteotome_mechanics::geometry::{Pose, Vec3};
 use serde::Serialize;
 
@@ -28,6 +30,7 @@ struct Debrief {
     hands: [HandFindings; 2],
     balance: Option<f64>,
     teeth: Known<TeethFindings>,
+    context: Vec<ContextFindings>,
     nerve: Known<NerveFindings>,
     path: Option<PathFindings>,
     bad_split: Known<BadSplit>,
@@ -54,6 +57,21 @@ impl<T: Clone> Known<T> {
 }
 
 impl MetricsDocument {
+    /// Fills in how long parts of steps take.
+    pub fn time_steps(&mut self, times: &StepTimes) {
+        let steps = &mut self.steps_us;
+        for (row, values) in [
+            (&mut steps.collision_query, &times.collision_query),
+            (&mut steps.collision_update, &times.collision_update),
+            (&mut steps.visual_update, &times.visual_update),
+            (&mut steps.linearisation, &times.linearisation),
+            (&mut steps.factorisation, &times.factorisation),
+            (&mut steps.csg_render, &times.csg_render),
+        ] {
+            *row = Distribution::of(values);
+        }
+    }
+
     /// Fills in what the recording alone says.
     pub fn complete(&mut self, findings: &Findings, score: Score) {
         if let Some(path) = &findings.path {
@@ -82,6 +100,7 @@ impl MetricsDocument {
             hands: findings.hands.clone(),
             balance: findings.balance,
             teeth: Known::of(&findings.teeth),
+            context: findings.context.clone(),
             nerve: Known::of(&findings.nerve),
             path: findings.path,
             bad_split: Known::of(&findings.bad_split),
@@ -183,7 +202,7 @@ impl Distribution {
     }
 }
 
-/// Times of the paper's table 1; `null` where not measured.
+/// Times of the paper's Table 1; `null` where the session had no such step: no growth, or no pictures drawn of it.
 #[derive(Clone, Debug, Default, Serialize)]
 struct StepsUs {
     collision_query: Option<Distribution>,

@@ -8,9 +8,13 @@ mod sample;
 
 pub use files::{CrackMesh, FinalBone, VtuWriter, write_crack, write_final_bone};
 pub use folder::{Mark, SESSION, SessionFolder};
-pub use mcap_file::{Recording, RecordingWriter, ScenarioMessage};
+pub use mcap_file::{Origin, Recording, RecordingWriter, ScenarioMessage};
 pub use metrics::{LoopFigures, Metrics, MetricsDocument, Outcome, Pace};
 pub use recorder::Recorder;
 pub use sample::{
-    BoneSample, FrontPoint, GrowthSample, HandSample, HapticSample, Loop, MainSample, StepTime,
+    BoneSample, Exchange, FrontPoint, GrowthSample, HandSample, HapticSample, Loop, MainSample,
+    Seen, StepTime, Wire,
 };
+
+#[cfg(test)]
+pub(crate) use sample::tests;

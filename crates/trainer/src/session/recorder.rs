@@ -1,6 +1,8 @@
 use super::mcap_file::{RecordingWriter, ScenarioMessage};
 use super::metrics::{Metrics, Pace};
-use super::sample::{BoneSample, GrowthSample, HapticSample, Loop, MainSample, StepTime};
+use super::sample::{
+    BoneSample, Exchange, GrowthSample, HapticSample, Loop, MainSample, Seen, StepTime,
+};
 use anyhow::Result;
 use std::path::Path;
 
@@ -10,6 +12,9 @@ pub struct Recorder {
     writer: RecordingWriter,
     metrics: Metrics,
     last_growth: Option<GrowthSample>,
+    /// Steps of which it is known what they read, by loop, and what the last haptic one did.
+    n_seen: [u64; 3],
+    seen: u64,
 }
 
 impl Recorder {
@@ -22,6 +27,8 @@ impl Recorder {
             writer: RecordingWriter::create(&folder.join("session.mcap"), first)?,
             metrics: Metrics::new(&first.scenario),
             last_growth: None,
+            n_seen: [0; 3],
+            seen: 0,
         })
     }
 
@@ -67,6 +74,26 @@ impl crate::loops::Sink for Recorder {
     fn timing(&mut self, sample: &StepTime, grew: bool) -> Result<()> {
         self.metrics.timing(sample, grew);
         self.writer.timing(sample)
+    }
+
+    fn seen(&mut self, time: f64, of: Loop, seen: Seen) -> Result<()> {
+        let step = self.n_seen[of as usize];
+        self.n_seen[of as usize] += 1;
+        let is_news = of != Loop::Haptic || seen.state != self.seen;
+        if of == Loop::Haptic {
+            self.seen = seen.state;
+        }
+        if !is_news {
+            return Ok(());
+        }
+        let Seen { state, generation } = seen;
+        let exchange = Exchange {
+            of,
+            step,
+            state,
+            generation,
+        };
+        self.writer.exchange(time, &exchange)
     }
 
     fn event(&mut self, time: f64, event: &str) -> Result<()> {

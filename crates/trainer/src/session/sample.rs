@@ -125,6 +125,31 @@ pub enum Loop {
     Propagation,
 }
 
+/// What a step read of what the other loops had told by then.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Seen {
+    /// Haptic: number of the bone's state; main: haptic steps made; propagation: number of the main step.
+    pub state: u64,
+    /// Main: the generation of the bone.
+    pub generation: Option<u64>,
+}
+
+/// What a step read, as recorded: of the haptic steps only those that read something new. With it a session on three threads
+/// repeats to the last bit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Exchange {
+    /// Whose step.
+    #[serde(rename = "loop")]
+    pub of: Loop,
+    /// Which of its steps, from 0.
+    pub step: u64,
+    /// As [`Seen::state`].
+    pub state: u64,
+    /// As [`Seen::generation`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub generation: Option<u64>,
+}
+
 /// How long a step took.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct StepTime {
@@ -148,14 +173,14 @@ pub trait Wire: Sized {
     fn from_wire(form: &Self::Form) -> Self;
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Xyz {
     x: f64,
     y: f64,
     z: f64,
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Xyzw {
     x: f64,
     y: f64,
@@ -163,7 +188,8 @@ pub struct Xyzw {
     w: f64,
 }
 
-#[derive(Serialize, Deserialize)]
+/// A pose as it is written.
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct PoseForm {
     position: Xyz,
     orientation: Xyzw,
@@ -255,7 +281,7 @@ impl Wire for HandSample {
 }
 
 #[cfg(test)]
-pub mod tests {
+pub(crate) mod tests {
     use super::*;
 
     pub fn hand(x: f64) -> HandSample {

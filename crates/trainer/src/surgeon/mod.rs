@@ -425,8 +425,8 @@ impl BuiltInSurgeon {
             return;
         }
         // Where nothing holds below a blade any more, it has nothing left to do there.
-        let through = [0, 1].map(|i| self.front_below(i, crack).is_none());
-        if through != [false; 2] && self.move_to_ligament(crack) {
+        let is_through = (0..2).any(|i| self.front_below(i, crack).is_none());
+        if is_through && self.move_to_ligament(crack) {
             return;
         }
         if let Some(i) = self.deeper(crack) {
@@ -440,7 +440,11 @@ impl BuiltInSurgeon {
             let has_force = self.has_force(i, wrench, self.habits.force_share);
             let step = self.habits.drive_speed * self.dt;
             let hand = &mut self.hands[i];
-            if has_force && hand.bite < self.habits.wedge && hand.depth - hand.tip < MOST_LAG {
+            if !is_through
+                && has_force
+                && hand.bite < self.habits.wedge
+                && hand.depth - hand.tip < MOST_LAG
+            {
                 hand.bite += step;
                 can_drive = true;
             }
@@ -449,7 +453,18 @@ impl BuiltInSurgeon {
             self.last_drive = self.time;
         } else if self.time - self.last_drive > 2.0 * self.habits.stall_time {
             self.last_drive = self.time;
-            self.move_to_ligament(crack);
+            if is_through || !self.move_to_ligament(crack) {
+                self.rock();
+            }
+        }
+    }
+
+    /// Where nothing else is left: both hands untwist, go down again and twist the other way about.
+    fn rock(&mut self) {
+        for hand in &mut self.hands {
+            hand.sense = -hand.sense;
+            hand.bite = 0.0;
+            hand.task = Task::Reseat;
         }
     }
 
@@ -787,6 +802,24 @@ mod tests {
             "{:?}",
             surgeon.hands
         );
+    }
+
+    /// A bone that stands still whatever is done: no chisel has a better place on a short line, so both turn the other way about.
+    #[test]
+    fn rocks_where_nothing_else_is_left() {
+        let mut surgeon = surgeon(0);
+        surgeon.stations.clear();
+        let mut bone = FakeBone::new(5.0, 40.0);
+        let mut senses = std::collections::BTreeSet::new();
+        let mut wrenches = [Wrench::default(); 2];
+        for _ in 0..30_000 {
+            step(&mut surgeon, &bone, &wrenches);
+            wrenches = bone.step(&surgeon);
+            let twists = surgeon.hands.map(|h| h.twist);
+            assert!(twists[0] * twists[1] <= 0.0, "against each other");
+            senses.extend((twists[0].abs() > 0.3).then_some(twists[0] > 0.0));
+        }
+        assert_eq!(senses.len(), 2, "both ways");
     }
 
     #[test]

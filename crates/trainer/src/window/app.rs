@@ -2,12 +2,15 @@
 use super::catalogue::Leading;
 use super::conductor::{Conductor, Kept, Phase, Ready, Setup};
 use super::eye::{Eye, Look};
+use super::guide::Guide;
 use super::live::{SharedLive, look};
 use super::mouse_hands::{Held, MouseHands};
 use super::orbit::Orbit;
+use super::planner::{self, Planner};
 use super::settings::Settings;
 use super::shortcuts::{self, Command};
-use super::{catalogue, panels, scene};
+use super::teacher::Teacher;
+use super::{catalogue, panels, scene, teacher};
 use crate::cli::TrainArgs;
 use crate::picture::{StereoMode, View};
 use anyhow::Result;
@@ -15,7 +18,7 @@ use eframe::egui::{self, Context, TextureHandle, Ui, ViewportCommand};
 use osteotome_devices::Binding;
 use osteotome_mechanics::geometry::Pose;
 use osteotome_render::Camera;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
@@ -49,6 +52,8 @@ pub struct Window {
     pub(super) notice: Option<(String, Instant)>,
     pub(super) apart: f64,
     pub(super) view: ViewState,
+    pub(super) teacher: Teacher,
+    pub(super) planner: Planner,
     eye: Eye,
     folder: Option<PathBuf>,
     is_closing: bool,
@@ -139,12 +144,16 @@ impl Window {
             notice: None,
             apart: 0.0,
             view: ViewState::default(),
+            teacher: Teacher::default(),
+            planner: Planner::default(),
             eye,
             folder,
             is_closing: false,
             settings,
         };
         wrong.into_iter().for_each(|text| window.notify(text));
+        let is_new = !window.settings.has_been_guided && args.rehearse.is_none();
+        window.teacher.guide = is_new.then(Guide::new);
         let name = scenario.map_or_else(|| window.settings.scenario.clone(), str::to_owned);
         window.select(&name);
         Ok(window)
@@ -169,6 +178,7 @@ impl Window {
         self.settings.scenario.clone_from(&name);
         self.scenario.clone_from(&name);
         self.summary = None;
+        self.teacher.back = None;
         self.conductor.select(&name);
     }
 
@@ -177,6 +187,7 @@ impl Window {
             hands: self.leading.clone(),
             sessions: self.settings.sessions.clone(),
             draws: self.settings.draws_pictures,
+            profile: Some(self.settings.profile.clone()).filter(|p| !p.is_empty()),
         }
     }
 
@@ -205,7 +216,8 @@ impl Window {
             }
             Command::Help => self.shows_help ^= true,
             Command::Dismiss => {
-                if !std::mem::take(&mut self.shows_help) && self.summary.take().is_none() {
+                let shown = std::mem::take(&mut self.shows_help) || teacher::dismiss(self);
+                if !shown && self.summary.take().is_none() {
                     self.hands.hold(Held::None);
                 }
             }
@@ -217,7 +229,7 @@ impl Window {
             Phase::Ready => self.retry(phase),
             Phase::Running => self.conductor.pause(true),
             Phase::Paused => self.conductor.pause(false),
-            Phase::Empty | Phase::Preparing | Phase::Keeping => {}
+            Phase::Empty | Phase::Preparing | Phase::Recomputing | Phase::Keeping => {}
         }
     }
 
@@ -226,11 +238,39 @@ impl Window {
             return;
         }
         self.summary = None;
+        self.teacher.back = None;
         self.conductor.start(self.setup());
+    }
+
+    /// Reads a recorded session to be looked at.
+    pub fn look_back(&mut self, path: &Path) {
+        self.summary = None;
+        self.conductor.open(path);
+    }
+
+    /// Goes on live from the moment that is looked at.
+    pub fn retry_from_here(&mut self) {
+        let Some(back) = &self.teacher.back else {
+            return;
+        };
+        match back.moment() {
+            Ok(moment) => {
+                self.teacher.back = None;
+                self.conductor.go_on_from(self.setup(), moment);
+            }
+            Err(error) => self.notify(format!("{error:#}")),
+        }
+    }
+
+    /// Back to the patient as at the beginning.
+    pub fn close_look_back(&mut self) {
+        self.teacher.back = None;
+        self.conductor.reset();
     }
 
     fn reset(&mut self) {
         self.summary = None;
+        self.teacher.back = None;
         self.conductor.reset();
     }
 
@@ -248,12 +288,21 @@ impl Window {
             self.notify(text);
         }
         if let Some(kept) = self.conductor.take_kept() {
-            self.notify(format!("Session kept in {}", kept.folder.display()));
+            self.notify(match &kept.fault {
+                None => format!("Session kept in {}", kept.folder.display()),
+                Some(fault) => fault.clone(),
+            });
             self.summary = kept.is_last_word.then_some(kept);
+        }
+        if let Some(back) = self.conductor.take_opened() {
+            back.show(&self.live);
+            self.notify(format!("Looking back at {}", back.path.display()));
+            self.teacher.back = Some(back);
+            teacher::first_view(self);
         }
         let guides = self.conductor.take_guides();
         if guides.iter().any(Option::is_some) || self.conductor.phase() == Phase::Preparing {
-            let start = self.conductor.ready().map(|r| r.start);
+            let start = self.conductor.start_of_hands();
             self.hands = MouseHands::new(guides, start.unwrap_or([Pose::identity(); 2]));
         }
         if self.devices.poll() {
@@ -322,7 +371,10 @@ impl Window {
     /// A session that runs is ended and kept before the window closes.
     fn close(&mut self, ctx: &Context) {
         let phase = self.conductor.phase();
-        let is_busy = matches!(phase, Phase::Running | Phase::Paused | Phase::Keeping);
+        let is_busy = matches!(
+            phase,
+            Phase::Running | Phase::Paused | Phase::Recomputing | Phase::Keeping
+        );
         if ctx.input(|i| i.viewport().close_requested()) {
             self.is_closing = true;
             self.conductor.reset();
@@ -360,14 +412,18 @@ impl Window {
             self.path = file.path().to_string_lossy().into_owned();
             panels::open_path(self);
         }
+        teacher::tick(self, &ctx);
         panels::bar(self, ui);
         panels::foot(self, ui);
         panels::left(self, ui);
         panels::right(self, ui);
         panels::plots(self, ui);
+        teacher::strip(self, ui);
         scene::centre(self, ui);
+        planner::panel(self, &ctx);
         panels::help(self, &ctx);
         panels::summary(self, &ctx);
+        teacher::history(self, &ctx);
         let is_moving = !matches!(self.conductor.phase(), Phase::Ready | Phase::Empty);
         if is_moving || self.devices.is_seeking() || self.is_closing {
             ctx.request_repaint_after(FRAME);

@@ -4,17 +4,21 @@
 //! another scenario, closing the window), the session's folder is finished first.
 use super::catalogue::{self, Leading};
 use super::live::{Feed, SharedLive, look};
+use super::look_back::LookBack;
 use crate::cli::{Failure, Mode};
-use crate::commands::{Advance, Watch, keep_session};
+use crate::commands::{Advance, History, Plan, Watch, keep_session};
+use crate::debrief::Figures;
 use crate::engine::{self, Prepared};
 use crate::input::{Input, Leader, open_devices};
 use crate::loops::{Control, Published, Sink, Subscribed, latest};
+use crate::retry::Moment;
 use crate::scenario::{Override, Scenario};
-use crate::session::Metrics;
-use anyhow::{Context, Result, anyhow};
+use crate::session::{Metrics, ScenarioMessage};
+use anyhow::{Context, Result, anyhow, ensure};
 use osteotome_devices::Binding;
 use osteotome_mechanics::geometry::Pose;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
 
@@ -40,6 +44,8 @@ pub struct Setup {
     pub sessions: PathBuf,
     /// Whether pictures belong into it.
     pub draws: bool,
+    /// Whose history it goes into.
+    pub profile: Option<String>,
 }
 
 /// A session that has ended and is kept.
@@ -48,6 +54,10 @@ pub struct Kept {
     pub metrics: Metrics,
     /// Its folder.
     pub folder: PathBuf,
+    /// Its score \[%\].
+    pub score: Option<f64>,
+    /// Why it is not in the history that it should be in.
+    pub fault: Option<String>,
     /// Whether nothing else was asked for meanwhile, so that its figures are of interest.
     pub is_last_word: bool,
 }
@@ -61,6 +71,8 @@ pub enum Phase {
     Preparing,
     /// A session can begin.
     Ready,
+    /// What came before the moment that it goes on from is computed anew.
+    Recomputing,
     /// It runs.
     Running,
     /// Its time stands still.
@@ -72,14 +84,22 @@ pub enum Phase {
 enum Work {
     None,
     Preparing(Job<Ready>),
+    Opening(Job<Opened>),
     Session(Job<Kept>),
+}
+
+/// A recording that is to be looked at, and its patient if it is another one.
+struct Opened {
+    back: LookBack,
+    ready: Option<Ready>,
 }
 
 /// What comes after the work at hand.
 enum Next {
     Clear,
     Select(String),
-    Start(Setup),
+    Start(Setup, Option<Moment>),
+    Open(PathBuf),
 }
 
 /// Words and share of what a thread does.
@@ -121,6 +141,10 @@ pub struct Conductor {
     is_ending: bool,
     guides: [Option<Published<Pose>>; 2],
     kept: Option<Kept>,
+    opened: Option<LookBack>,
+    start_of_hands: Option<[Pose; 2]>,
+    /// Whether the session that has begun is still on its way to its moment.
+    is_recomputing: Arc<AtomicBool>,
     notice: Option<String>,
 }
 
@@ -137,6 +161,9 @@ impl Conductor {
             is_ending: false,
             guides: [None, None],
             kept: None,
+            opened: None,
+            start_of_hands: None,
+            is_recomputing: Arc::default(),
             notice: None,
         }
     }
@@ -144,8 +171,9 @@ impl Conductor {
     /// What goes on.
     pub fn phase(&self) -> Phase {
         match &self.work {
-            Work::Preparing(_) => Phase::Preparing,
+            Work::Preparing(_) | Work::Opening(_) => Phase::Preparing,
             Work::Session(_) if self.is_ending || look(&self.live).has_ended => Phase::Keeping,
+            Work::Session(_) if self.is_recomputing.load(Ordering::Acquire) => Phase::Recomputing,
             Work::Session(_) if self.control.is_paused() => Phase::Paused,
             Work::Session(_) => Phase::Running,
             Work::None if self.ready.is_some() => Phase::Ready,
@@ -158,6 +186,7 @@ impl Conductor {
         let stand = match &self.work {
             Work::None => return Default::default(),
             Work::Preparing(job) => &job.stand,
+            Work::Opening(job) => &job.stand,
             Work::Session(job) => &job.stand,
         };
         stand.lock().unwrap_or_else(PoisonError::into_inner).clone()
@@ -171,6 +200,16 @@ impl Conductor {
     /// The last session that has ended, once.
     pub fn take_kept(&mut self) -> Option<Kept> {
         self.kept.take()
+    }
+
+    /// The recording that has been opened, once.
+    pub fn take_opened(&mut self) -> Option<LookBack> {
+        self.opened.take()
+    }
+
+    /// Where the hands of the session begin that has begun, or would.
+    pub fn start_of_hands(&self) -> Option<[Pose; 2]> {
+        self.start_of_hands.or(self.ready.as_ref().map(|r| r.start))
     }
 
     /// What went wrong, once.
@@ -192,7 +231,21 @@ impl Conductor {
 
     /// Begins a session, or begins again: one that runs is ended and kept first.
     pub fn start(&mut self, setup: Setup) {
-        self.next = Some(Next::Start(setup));
+        self.next = Some(Next::Start(setup, None));
+        self.finish();
+        self.go_on();
+    }
+
+    /// Goes on live from a moment of a recording; it waits there, paused.
+    pub fn go_on_from(&mut self, setup: Setup, moment: Moment) {
+        self.next = Some(Next::Start(setup, Some(moment)));
+        self.finish();
+        self.go_on();
+    }
+
+    /// Reads a recording to be looked at; a session that runs is ended and kept first.
+    pub fn open(&mut self, path: &Path) {
+        self.next = Some(Next::Open(path.to_owned()));
         self.finish();
         self.go_on();
     }
@@ -231,12 +284,14 @@ impl Conductor {
         let is_done = match &self.work {
             Work::None => false,
             Work::Preparing(job) => job.thread.is_finished(),
+            Work::Opening(job) => job.thread.is_finished(),
             Work::Session(job) => job.thread.is_finished(),
         };
         if is_done {
             match std::mem::replace(&mut self.work, Work::None) {
                 Work::None => {}
                 Work::Preparing(job) => self.prepared(job.finish()),
+                Work::Opening(job) => self.has_opened(job.finish()),
                 Work::Session(job) => self.session_ended(job.finish()),
             }
         }
@@ -281,7 +336,8 @@ impl Conductor {
                 Ok(())
             }
             Some(Next::Select(name)) => self.prepare(name),
-            Some(Next::Start(setup)) => self.begin(setup),
+            Some(Next::Start(setup, from)) => self.begin(setup, from),
+            Some(Next::Open(path)) => self.read(path),
             None => Ok(()),
         };
         if let Err(error) = begun {
@@ -299,22 +355,63 @@ impl Conductor {
         Ok(())
     }
 
-    fn begin(&mut self, setup: Setup) -> Result<()> {
+    fn read(&mut self, path: PathBuf) -> Result<()> {
+        let now = self.ready.clone();
+        self.work = Work::Opening(Job::start("open", move |stand| {
+            tell(stand, "Reading the recording", 0.0);
+            let back = LookBack::read(&path)?;
+            let message = &back.recording().scenario;
+            let is_same = now.is_some_and(|r| r.prepared.digest == message.patient_digest);
+            let ready = match is_same {
+                true => None,
+                false => Some(recorded(message, stand)?),
+            };
+            Ok(Opened { back, ready })
+        })?);
+        Ok(())
+    }
+
+    fn has_opened(&mut self, result: Result<Opened>) {
+        match result {
+            Ok(Opened { back, ready }) => {
+                if let Some(ready) = ready {
+                    self.ready = Some(Arc::new(ready));
+                }
+                self.opened = Some(back);
+            }
+            Err(error) => self.complain(&error),
+        }
+    }
+
+    fn begin(&mut self, setup: Setup, from: Option<Moment>) -> Result<()> {
         let Some(ready) = self.ready.clone() else {
             return Ok(());
         };
+        let start = from.as_ref().map_or(ready.start, Moment::devices);
+        self.start_of_hands = Some(start);
         let told = [0, 1].map(|i| {
             let is_mouse = setup.hands[i] == Leading::Mouse;
-            let (guide, hears) = is_mouse.then(|| latest(&ready.start[i])).unzip();
+            let (guide, hears) = is_mouse.then(|| latest(&start[i])).unzip();
             self.guides[i] = guide;
             hears
         });
         self.control = Control::default();
         self.is_ending = false;
         self.clear();
+        // Whoever is to go on takes the handles first.
+        self.control.pause(from.is_some());
+        self.is_recomputing = Arc::new(AtomicBool::new(from.is_some()));
         let (control, live) = (self.control.clone(), self.live.clone());
+        let is_recomputing = self.is_recomputing.clone();
         self.work = Work::Session(Job::start("session", move |stand| {
-            session(&ready, &setup, told, control, &live, stand)
+            let begun = Begun {
+                setup: &setup,
+                told,
+                control,
+                from: from.as_ref(),
+                is_recomputing: &is_recomputing,
+            };
+            session(&ready, begun, &live, stand)
         })?);
         Ok(())
     }
@@ -332,7 +429,10 @@ impl Drop for Conductor {
 }
 
 fn ready(name: &str, overrides: &[Override], stand: &Stand) -> Result<Ready> {
-    let scenario = catalogue::load(name, overrides)?;
+    made_ready(catalogue::load(name, overrides)?, stand)
+}
+
+fn made_ready(scenario: Scenario, stand: &Stand) -> Result<Ready> {
     let mut progress = |stage: &str, share: f64| tell(stand, stage, share as f32);
     let prepared = engine::prepare(&scenario, &mut progress)?;
     let start = Input::built_in(&scenario, prepared.line.clone())?.read();
@@ -346,39 +446,71 @@ fn ready(name: &str, overrides: &[Override], stand: &Stand) -> Result<Ready> {
     })
 }
 
-fn session(
-    ready: &Ready,
-    setup: &Setup,
+/// The patient of a recording, which must still be the one that its scenario gives.
+fn recorded(message: &ScenarioMessage, stand: &Stand) -> Result<Ready> {
+    let ready = made_ready(message.scenario.clone(), stand)?;
+    ensure!(
+        ready.prepared.digest == message.patient_digest,
+        "the bone built from the recording's scenario is not the one recorded; its files have changed"
+    );
+    Ok(ready)
+}
+
+/// What a session begins with.
+struct Begun<'a> {
+    setup: &'a Setup,
     told: [Option<Subscribed<Pose>>; 2],
     control: Control,
-    live: &SharedLive,
-    stand: &Stand,
-) -> Result<Kept> {
-    let mut scenario = ready.scenario.clone();
+    from: Option<&'a Moment>,
+    is_recomputing: &'a AtomicBool,
+}
+
+/// The scenario with the hands that were chosen.
+fn chosen(scenario: &Scenario, setup: &Setup, from: Option<&Moment>) -> Scenario {
+    let mut scenario = scenario.clone();
     for (tool, hand) in scenario.tool.iter_mut().zip(&setup.hands) {
         tool.device = match hand {
             Leading::Device(binding) => binding.clone(),
             _ => Binding::Simulated,
         };
     }
-    if setup.hands.iter().any(|h| *h != Leading::Surgeon) {
-        scenario.max_time = scenario.max_time.max(USERS_TIME);
+    let before = from.map_or(0.0, Moment::time);
+    if setup.hands.iter().any(|h| *h != Leading::Surgeon) || before >= scenario.max_time {
+        scenario.max_time = scenario.max_time.max(before + USERS_TIME);
     }
+    scenario
+}
+
+fn session(ready: &Ready, begun: Begun, live: &SharedLive, stand: &Stand) -> Result<Kept> {
+    let Begun { setup, from, .. } = begun;
+    let mut scenario = chosen(from.map_or(&ready.scenario, Moment::scenario), setup, from);
     let (devices, notes) = open_devices(&mut scenario)?;
+    if let Some(moment) = from {
+        moment.check_devices(&scenario)?;
+    }
     let mut devices = devices.into_iter();
-    let leaders = told.map(|t| match (t, devices.next().flatten()) {
+    let leaders = begun.told.map(|t| match (t, devices.next().flatten()) {
         (Some(told), _) => Leader::Guide(told),
         (None, Some(device)) => Leader::Device(Box::new(device)),
         (None, None) => Leader::Surgeon,
     });
-    let input = Input::led(&scenario, ready.prepared.line.clone(), leaders)?;
+    let line = ready.prepared.line.clone();
+    let input = match from {
+        None => Input::led(&scenario, line, leaders)?,
+        Some(m) => Input::resumed(&scenario, line, leaders, &m.recording.hands, m.steps)?,
+    };
     let folder = free_folder(&setup.sessions, &scenario.name)?;
     let mut feed = Feed::new(live.clone(), &scenario);
     for note in notes {
         feed.event(0.0, &note)?;
     }
+    let is_recomputing = begun.is_recomputing;
     let mut progress = |advance: Advance| match advance {
-        Advance::Running { .. } => {}
+        Advance::Running { .. } => is_recomputing.store(false, Ordering::Release),
+        Advance::Recomputing { time, of } => {
+            let words = format!("Recomputing {time:.1} of {of:.1} s");
+            tell(stand, words, (time / of) as f32);
+        }
         Advance::Drawing { done, of } => {
             let share = (done as f32 + 0.5) / of as f32;
             tell(
@@ -389,27 +521,40 @@ fn session(
         }
     };
     let mut watch = Watch {
-        control,
+        control: begun.control,
         sink: &mut feed,
         progress: &mut progress,
         draws: setup.draws,
     };
-    let ended = keep_session(
-        &scenario,
-        &ready.prepared,
-        input,
-        Mode::Realtime,
-        &folder,
-        &mut watch,
-    );
-    let ended = ended.map_err(|failure| match failure {
-        Failure::Input(error) | Failure::Work(error) => error,
-    })?;
+    let mut history = setup.profile.as_deref().map(History::open);
+    let known = history.as_ref().and_then(|h| h.as_ref().ok());
+    let plan = Plan {
+        scenario: &scenario,
+        prepared: &ready.prepared,
+        mode: Mode::Realtime,
+        out: &folder,
+        from,
+        earlier: known.map_or(&[], |h| &h.earlier),
+    };
+    let ended = keep_session(&plan, input, &mut watch).map_err(plain)?;
+    is_recomputing.store(false, Ordering::Release);
+    let taken = history.as_mut().map(|h| match h {
+        Ok(history) => history.take_in(&scenario.name, &folder, &ended),
+        Err(error) => Err(anyhow!("the session is kept, but in no history: {error:#}")),
+    });
     Ok(Kept {
+        score: ended.figures.as_ref().and_then(Figures::score),
         metrics: ended.metrics,
         folder,
+        fault: taken.and_then(Result::err).map(|e| format!("{e:#}")),
         is_last_word: true,
     })
+}
+
+fn plain(failure: Failure) -> anyhow::Error {
+    match failure {
+        Failure::Input(error) | Failure::Work(error) => error,
+    }
 }
 
 /// The next number under `sessions`, with the scenario's name.
@@ -470,6 +615,7 @@ pub(super) mod tests {
             hands: [Leading::Surgeon, Leading::Mouse],
             sessions: folder.to_owned(),
             draws: false,
+            profile: None,
         }
     }
 

@@ -9,9 +9,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// A point of the load plots every so many seconds, the largest of its haptic steps.
-const TRACE_EVERY: f64 = 0.02;
+pub const TRACE_EVERY: f64 = 0.02;
 /// Points of a plot at most: the oldest go.
-const MOST_POINTS: usize = 6000;
+pub const MOST_POINTS: usize = 6000;
 /// Loop rates are taken over so many seconds of the clock.
 const RATE_EVERY: f64 = 0.5;
 /// Events at most.

@@ -8,13 +8,17 @@
 //! hands; both are read without waiting. So a slow window, or none at all, is nothing to the haptic loop.
 mod app;
 mod catalogue;
+mod coach;
 mod conductor;
 mod dresser;
 mod eye;
+mod guide;
 mod live;
+mod look_back;
 mod mouse_hands;
 mod orbit;
 mod panels;
+mod planner;
 mod plots;
 mod rehearsal;
 mod scene;
@@ -23,6 +27,7 @@ mod shortcuts;
 #[cfg(test)]
 mod soak;
 mod style;
+mod teacher;
 
 use crate::cli::{Failure, TrainArgs};
 use anyhow::{Result, anyhow};

@@ -1,11 +1,12 @@
 //! What stands around the scene.
 use super::app::{STEREO, Window};
 use super::catalogue::{self, Leading};
+use super::coach::Hints;
 use super::conductor::Phase;
 use super::live::look;
 use super::mouse_hands::Held;
 use super::shortcuts::{self, Command};
-use super::{plots, style};
+use super::{planner, plots, style, teacher};
 use crate::picture::View;
 use crate::talk;
 use eframe::egui::{
@@ -16,12 +17,12 @@ use std::path::Path;
 
 const HANDS: [&str; 2] = ["Left hand", "Right hand"];
 
-fn frame(margin: Margin) -> Frame {
+pub(super) fn frame(margin: Margin) -> Frame {
     Frame::new().fill(style::PANEL).inner_margin(margin)
 }
 
 /// A group under a title.
-fn card(ui: &mut Ui, title: &str, content: impl FnOnce(&mut Ui)) {
+pub(super) fn card(ui: &mut Ui, title: &str, content: impl FnOnce(&mut Ui)) {
     Frame::new()
         .fill(style::CARD)
         .corner_radius(CornerRadius::same(7))
@@ -58,7 +59,7 @@ fn buttons(w: &mut Window, ui: &mut Ui, ctx: &Context) {
         Phase::Running => ("Pause", true),
         Phase::Paused => ("Go on", true),
         Phase::Ready => ("Start", true),
-        Phase::Empty | Phase::Preparing | Phase::Keeping => ("Start", false),
+        Phase::Empty | Phase::Preparing | Phase::Recomputing | Phase::Keeping => ("Start", false),
     };
     let main = Button::new(RichText::new(go).strong().color(Color32::WHITE))
         .fill(style::ACCENT)
@@ -70,7 +71,7 @@ fn buttons(w: &mut Window, ui: &mut Ui, ctx: &Context) {
     {
         w.obey(ctx, Command::Go);
     }
-    let is_live = matches!(phase, Phase::Running | Phase::Paused);
+    let is_live = matches!(phase, Phase::Running | Phase::Paused | Phase::Recomputing);
     let has_run = is_live || look(&w.live).time > 0.0;
     for (text, can, hint, command) in [
         (
@@ -111,8 +112,10 @@ fn state(w: &mut Window, ui: &mut Ui, ctx: &Context) {
     let (word, color) = match w.conductor.phase() {
         Phase::Empty => ("No scenario", style::BAD),
         Phase::Preparing => ("Preparing", style::FAIR),
+        Phase::Ready if w.teacher.back.is_some() => ("Looking back", style::ACCENT),
         Phase::Ready if time > 0.0 => ("Ended", style::WEAK),
         Phase::Ready => ("Ready", style::GOOD),
+        Phase::Recomputing => ("Recomputing", style::FAIR),
         Phase::Running if is_split => ("Running, split", style::GOOD),
         Phase::Running => ("Running", style::GOOD),
         Phase::Paused => ("Paused", style::FAIR),
@@ -180,12 +183,14 @@ pub fn left(w: &mut Window, ui: &mut Ui) {
                 card(ui, "Scenario", |ui| scenario(w, ui));
                 card(ui, "Hands", |ui| hands(w, ui));
                 card(ui, "View", |ui| view(w, ui));
+                card(ui, "Who trains", |ui| teacher::profile(w, ui));
+                card(ui, "Teaching", |ui| teacher::switches(w, ui));
                 card(ui, "Sessions", |ui| sessions(w, ui));
             });
         });
 }
 
-fn wide_combo(id: &str, selected: &str, ui: &Ui) -> ComboBox<'static> {
+pub(super) fn wide_combo(id: &str, selected: &str, ui: &Ui) -> ComboBox<'static> {
     ComboBox::from_id_salt(id.to_owned())
         .selected_text(selected.to_owned())
         .width(ui.available_width())
@@ -215,7 +220,7 @@ fn scenario(w: &mut Window, ui: &mut Ui) {
     ui.horizontal(|ui| {
         let width = ui.available_width() - 56.0;
         let edit = egui::TextEdit::singleline(&mut w.path)
-            .hint_text("Scenario file (TOML)")
+            .hint_text("Scenario or session file")
             .desired_width(width - 8.0);
         let entered = ui.add(edit).lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter));
         let button = ui.add_enabled(!w.path.trim().is_empty(), Button::new("Open"));
@@ -223,17 +228,22 @@ fn scenario(w: &mut Window, ui: &mut Ui) {
             open_path(w);
         }
     });
+    planner::switch(w, ui);
 }
 
 /// Goes over to the scenario file whose path has been typed or dropped.
 pub fn open_path(w: &mut Window) {
     let path = w.path.trim().to_owned();
-    if Path::new(&path).is_file() {
+    let is_recording = Path::new(&path).extension().is_some_and(|e| e == "mcap");
+    if is_recording && Path::new(&path).is_file() {
+        w.look_back(Path::new(&path));
+        w.path.clear();
+    } else if Path::new(&path).is_file() {
         w.select(&path);
         w.path.clear();
     } else if !path.is_empty() {
         w.notify(format!(
-            "{path}: there is no such file; give a scenario (TOML)"
+            "{path}: there is no such file; give a scenario (TOML) or a session.mcap"
         ));
     }
 }
@@ -341,22 +351,23 @@ pub fn right(w: &mut Window, ui: &mut Ui) {
         .exact_size(236.0)
         .frame(frame(Margin::symmetric(10, 8)))
         .show(ui, |ui| {
-            card(ui, "Crack", |ui| crack(w, ui));
+            let hints = teacher::hints(w);
+            card(ui, "Crack", |ui| crack(w, ui, hints.as_ref()));
             for (i, name) in HANDS.into_iter().enumerate() {
-                card(ui, name, |ui| gauges(w, ui, i));
+                card(ui, name, |ui| gauges(w, ui, i, hints.as_ref()));
             }
             card(ui, "Events", |ui| events(w, ui));
         });
 }
 
-fn row(ui: &mut Ui, name: &str, value: RichText) {
+pub(super) fn row(ui: &mut Ui, name: &str, value: RichText) {
     ui.horizontal(|ui| {
         ui.label(RichText::new(name).color(style::WEAK));
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| ui.label(value));
     });
 }
 
-fn crack(w: &Window, ui: &mut Ui) {
+fn crack(w: &Window, ui: &mut Ui, hints: Option<&Hints>) {
     let live = look(&w.live);
     row(
         ui,
@@ -373,29 +384,38 @@ fn crack(w: &Window, ui: &mut Ui) {
         None => RichText::new("not complete"),
     };
     row(ui, "Split", split.strong());
+    if let Some(hints) = hints.filter(|h| h.crack.is_some()) {
+        row(ui, "To the canal", teacher::distance(hints.crack.as_ref()));
+    }
+    if teacher::is_exam(w) {
+        ui.label(RichText::new("Exam: no hints").small().color(style::FAIR));
+    }
 }
 
-fn gauges(w: &Window, ui: &mut Ui, i: usize) {
+fn gauges(w: &Window, ui: &mut Ui, i: usize, hints: Option<&Hints>) {
     let live = look(&w.live);
-    let limits = w
-        .conductor
-        .ready()
-        .map(|r| r.scenario.tool[i].limits.clone());
-    let limits = limits.unwrap_or_default();
+    let Some(tool) = w.conductor.ready().map(|r| r.scenario.tool[i].clone()) else {
+        return;
+    };
+    let limits = &tool.limits;
     let wrench = live.hands.map(|h| h.hands[i].wrench).unwrap_or_default();
-    let [force, torque] = live.loads[i];
-    plots::gauge(
-        ui,
-        "Force",
-        &format!("{force:.0} N"),
+    let shares = [
         wrench.force.norm() / limits.force,
-    );
-    plots::gauge(
-        ui,
-        "Torque",
-        &format!("{torque:.0} N mm"),
         wrench.torque.norm() / limits.torque,
-    );
+    ];
+    let scales = [
+        tool.force_scale / limits.force,
+        tool.torque_scale / limits.torque,
+    ];
+    for (k, (name, unit)) in [("Force", "N"), ("Torque", "N mm")].into_iter().enumerate() {
+        match hints.map(|h| &h.loads[i][k]) {
+            Some(hint) => teacher::load(ui, name, hint, unit, shares[k], hint.good * scales[k]),
+            None => {
+                let text = format!("{:.0} {unit}", live.loads[i][k]);
+                plots::gauge(ui, name, &text, shares[k]);
+            }
+        }
+    }
     let contacts = live.hands.map_or(0, |h| h.hands[i].contacts);
     let (text, color) = if live.saturated[i] {
         ("device at its limit", style::BAD)
@@ -404,7 +424,18 @@ fn gauges(w: &Window, ui: &mut Ui, i: usize) {
     } else {
         ("free", style::WEAK)
     };
-    ui.label(RichText::new(text).small().color(color));
+    let state = RichText::new(text).small().color(color);
+    let Some(hints) = hints else {
+        ui.label(state);
+        return;
+    };
+    ui.horizontal(|ui| {
+        ui.label(state);
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.label(teacher::distance(hints.tools[i].as_ref()).small());
+            ui.label(RichText::new("to the canal").small().color(style::WEAK));
+        });
+    });
 }
 
 fn events(w: &Window, ui: &mut Ui) {
@@ -431,7 +462,7 @@ pub fn plots(w: &mut Window, ui: &mut Ui) {
 }
 
 /// Over the whole window.
-fn sheet(name: &str) -> egui::Modal {
+pub(super) fn sheet(name: &str) -> egui::Modal {
     let frame = Frame::new()
         .fill(style::CARD)
         .stroke(egui::Stroke::new(1.0, style::LINE))
@@ -498,6 +529,8 @@ pub fn summary(w: &mut Window, ctx: &Context) {
     let outcome = kept.metrics.outcome();
     let folder = kept.folder.clone();
     let mut command = None;
+    let mut looks_back = false;
+    let score = kept.score;
     let modal = sheet("summary").show(ctx, |ui| {
         ui.set_width(560.0);
         let (title, color) = match outcome.time {
@@ -508,6 +541,9 @@ pub fn summary(w: &mut Window, ctx: &Context) {
         ui.add_space(4.0);
         for line in talk::summary(&outcome).lines() {
             ui.label(line);
+        }
+        if let Some(score) = score {
+            ui.label(RichText::new(format!("Score: {score:.0} %")).strong());
         }
         ui.add_space(4.0);
         let shown = RichText::new(folder.display().to_string()).small();
@@ -520,11 +556,18 @@ pub fn summary(w: &mut Window, ctx: &Context) {
             if ui.button("Try again").clicked() {
                 command = Some(Some(Command::Retry));
             }
+            if ui.button("Look back").clicked() {
+                looks_back = true;
+            }
             if ui.button("Look at the bone").clicked() {
                 command = Some(Some(Command::Dismiss));
             }
         });
     });
+    if looks_back {
+        w.look_back(&folder.join("session.mcap"));
+        return;
+    }
     match command {
         Some(Some(command)) => w.obey(ctx, command),
         Some(None) => {
@@ -537,11 +580,17 @@ pub fn summary(w: &mut Window, ctx: &Context) {
     }
 }
 
+/// Takes away how the last session went.
+pub fn forget_summary(w: &mut Window) {
+    w.summary = None;
+}
+
 /// How far a patient's preparation or the keeping of a session is.
 pub fn progress(w: &Window, ui: &mut Ui) {
     let (words, share) = w.conductor.stand();
     let title = match w.conductor.phase() {
         Phase::Preparing => "Preparing the patient",
+        Phase::Recomputing => "Going back to the moment",
         Phase::Keeping => "Keeping the session",
         _ => return,
     };

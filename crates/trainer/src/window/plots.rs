@@ -162,6 +162,23 @@ fn rates(ui: &mut Ui, live: &Live) {
 
 /// A load against what the device can show: green, yellow, red.
 pub fn gauge(ui: &mut Ui, name: &str, text: &str, share: f64) {
+    let color = style::of_share(share.clamp(0.0, 1.0));
+    marked(ui, name, text, share, color, &[0.5, 0.8]);
+}
+
+/// A load as a bar in a colour of its own, with a mark at its target.
+pub fn bar(ui: &mut Ui, name: &str, text: &str, share: f64, color: Color32, target: f64) {
+    marked(
+        ui,
+        name,
+        text,
+        share,
+        color,
+        &[target.clamp(0.0, 1.0) as f32],
+    );
+}
+
+fn marked(ui: &mut Ui, name: &str, text: &str, share: f64, color: Color32, marks: &[f32]) {
     let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), 30.0), Sense::hover());
     let painter = ui.painter();
     let font = FontId::proportional(12.0);
@@ -187,9 +204,9 @@ pub fn gauge(ui: &mut Ui, name: &str, text: &str, share: f64) {
     if share > 0.004 {
         let mut full = bar;
         full.set_width(bar.width() * share as f32);
-        painter.rect_filled(full, round, style::of_share(share));
+        painter.rect_filled(full, round, color);
     }
-    for part in [0.5, 0.8] {
+    for part in marks {
         let x = bar.left() + part * bar.width();
         painter.vline(x, bar.y_range(), Stroke::new(1.0, style::PANEL));
     }

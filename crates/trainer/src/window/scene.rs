@@ -2,7 +2,7 @@
 use super::app::Window;
 use super::live::look;
 use super::mouse_hands::{Held, Motion};
-use super::{panels, shortcuts, style};
+use super::{panels, planner, shortcuts, style, teacher};
 use crate::picture::BACKGROUND;
 use eframe::egui::{
     self, Align2, CentralPanel, Color32, FontId, Frame, Painter, PointerButton, Pos2, Rect, Rgba,
@@ -42,8 +42,11 @@ pub fn centre(w: &mut Window, ui: &mut Ui) {
             if let (Some(camera), None) = (&w.view.camera, w.settings.stereo) {
                 scale_bar(&painter, rect, camera);
                 orientation(&painter, rect, camera);
+                teacher::plan(w, &painter, rect, camera);
             }
             held(w, &painter, rect);
+            teacher::guide(w, ui, rect);
+            planner::overlay(w, &painter, rect);
             let place = Rect::from_center_size(rect.center(), vec2(330.0, 90.0));
             ui.scope_builder(UiBuilder::new().max_rect(place), |ui| {
                 panels::progress(w, ui);
@@ -52,6 +55,9 @@ pub fn centre(w: &mut Window, ui: &mut Ui) {
 }
 
 fn mouse(w: &mut Window, ui: &Ui, response: &egui::Response, rect: Rect) {
+    if planner::mouse(w, ui, response, rect) {
+        return;
+    }
     let held = w.hands.held != Held::None && w.hands.leads_any();
     let drag = response.drag_delta();
     let by = |button| response.dragged_by(button);

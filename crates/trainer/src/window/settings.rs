@@ -35,6 +35,16 @@ pub struct Settings {
     pub stereo: Option<StereoMode>,
     /// Whether pictures are drawn into session folders.
     pub draws_pictures: bool,
+    /// Whether the coach says anything, and shows the planned plane.
+    pub shows_hints: bool,
+    /// See there.
+    pub shows_plan: bool,
+    /// Whether the window is for an exam: no hints.
+    pub is_exam: bool,
+    /// Whether the guided first run has been gone through, or left out.
+    pub has_been_guided: bool,
+    /// Whose history sessions go into; empty: nobody's.
+    pub profile: String,
     /// Size of letters against the usual.
     pub zoom: f32,
 }
@@ -52,6 +62,11 @@ impl Default for Settings {
             shows_head: false,
             stereo: None,
             draws_pictures: true,
+            shows_hints: true,
+            shows_plan: true,
+            is_exam: false,
+            has_been_guided: false,
+            profile: String::new(),
             zoom: 1.0,
         }
     }

@@ -1,10 +1,17 @@
 //! The pre-sawn line: where the saw went in before the chisels come.
 use crate::error::{AnatomyError, in_range};
-use crate::landmarks::{Landmarks, SideLandmarks, cast};
 use crate::stl::read_limited;
 use osteotome_mechanics::geometry::{MeshDistance, Vec3};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+
+pub mod plan;
+pub mod review;
+pub mod technique;
+
+pub use plan::{Plan, PlanPoint};
+pub use review::{PointFigures, Review, Situation};
+pub use technique::Technique;
 
 /// Side of the patient.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -96,8 +103,6 @@ pub struct Osteotomy {
 pub const DEFAULT_KERF: f64 = 0.8;
 /// Points further than this from the surface are refused \[mm\].
 const SURFACE_TOLERANCE: f64 = 1.5;
-/// Distance between generated points \[mm\].
-const STEP: f64 = 1.5;
 const MAX_POINTS: usize = 10_000;
 
 /// A point as written in a scenario or an osteotomy file.
@@ -230,46 +235,6 @@ impl Osteotomy {
         Ok(Self { side, kerf, parts })
     }
 
-    /// A line after Dal Pont on landmarks: above the lingula, down the ridge, and through the buccal cortex and lower border.
-    ///
-    /// Points every 1.5 mm on the surface. Medial: horizontal, half of the local thickness deep (1 to 4.3 mm). Ridge: 4 mm deep,
-    /// into the bone. Buccal: in the plane from the second molar to the lower border, 3.5 mm deep, 4 mm around the border.
-    ///
-    /// # Errors
-    /// [`AnatomyError::Osteotomy`] if landmarks and surface do not belong together.
-    pub fn dal_pont(
-        landmarks: &Landmarks,
-        side: Side,
-        kerf: f64,
-        surface: &MeshDistance,
-    ) -> Result<Self, AnatomyError> {
-        let marks = match side {
-            Side::Right => &landmarks.right,
-            Side::Left => &landmarks.left,
-        };
-        let ridge = ridge_part(marks, surface)?;
-        let parts = vec![
-            OsteotomyPart {
-                kind: PartKind::Medial,
-                points: medial_part(marks, side, &ridge, surface)?,
-            },
-            OsteotomyPart {
-                kind: PartKind::Buccal,
-                points: buccal_part(marks, side, &ridge, surface)?,
-            },
-        ];
-        let mut parts = parts;
-        parts.insert(
-            1,
-            OsteotomyPart {
-                kind: PartKind::Ridge,
-                points: ridge,
-            },
-        );
-        let specs: Vec<_> = parts.iter().flat_map(specs).collect();
-        Self::from_points(side, kerf, &specs, surface)
-    }
-
     /// The line as it is written to a file.
     pub fn to_file(&self) -> OsteotomyFile {
         OsteotomyFile {
@@ -286,6 +251,16 @@ impl Osteotomy {
         points
             .flat_map(|p| [p.at, p.at + p.toward * p.depth])
             .collect()
+    }
+
+    fn by_parts(
+        side: Side,
+        kerf: f64,
+        parts: &[OsteotomyPart],
+        surface: &MeshDistance,
+    ) -> Result<Self, AnatomyError> {
+        let specs: Vec<_> = parts.iter().flat_map(specs).collect();
+        Self::from_points(side, kerf, &specs, surface)
     }
 
     /// The part of one kind.
@@ -342,199 +317,15 @@ fn check_point(p: &mut LinePoint, surface: &MeshDistance) -> Result<(), String> 
     Ok(())
 }
 
-fn lost(what: &str) -> AnatomyError {
-    AnatomyError::Osteotomy {
-        reason: format!("no bone found at {what}; do the landmarks belong to this surface?"),
-    }
-}
-
-/// Along the ridge from the medial cut's height to the second molar.
-fn ridge_part(
-    marks: &SideLandmarks,
-    surface: &MeshDistance,
-) -> Result<Vec<LinePoint>, AnatomyError> {
-    let top = medial_height(marks) - 1.7;
-    let mut line: Vec<Vec3> = marks.external_oblique_ridge.clone();
-    line.retain(|p| p.z < top && p.z > marks.second_molar_buccal.z);
-    line.push(marks.second_molar_buccal);
-    if line.len() < 3 {
-        return Err(lost("the external oblique ridge"));
-    }
-    let points = resample(&line, STEP);
-    let n = points.len();
-    let mut out = Vec::with_capacity(n);
-    for i in 0..n {
-        let tangent = points[(i + 1).min(n - 1)] - points[i.saturating_sub(1)];
-        let inward = -smooth_normal(&points[i], surface);
-        let Some(toward) = across(&inward, &tangent) else {
-            return Err(lost("the external oblique ridge"));
-        };
-        out.push(onto(&points[i], toward, 4.0, surface));
-    }
-    Ok(out)
-}
-
-/// The medial cut runs this high: just above the lingula.
-fn medial_height(marks: &SideLandmarks) -> f64 {
-    marks.lingula.z + 2.5
-}
-
-/// From behind the lingula forward to the ridge, on the medial surface.
-fn medial_part(
-    marks: &SideLandmarks,
-    side: Side,
-    ridge: &[LinePoint],
-    surface: &MeshDistance,
-) -> Result<Vec<LinePoint>, AnatomyError> {
-    let outward = Vec3::x() * side.sign();
-    let z = medial_height(marks);
-    let (back, front) = (marks.lingula.y + 7.3, ridge[0].at.y + 1.2);
-    let n = ((back - front) / STEP).floor().max(1.0) as usize;
-    let mut points = Vec::new();
-    for i in 0..=n {
-        let y = back - STEP * i as f64;
-        let start = Vec3::new(marks.lingula.x, y, z);
-        let Some(at) = cast(surface, &(start - outward * 20.0), &outward) else {
-            continue;
-        };
-        let Some(beyond) = cast(surface, &(start + outward * 30.0), &-outward) else {
-            continue;
-        };
-        let thickness = (beyond - at).dot(&outward);
-        points.push(LinePoint {
-            at,
-            toward: outward,
-            depth: (0.5 * thickness).clamp(1.0, 4.3),
-        });
-    }
-    if points.len() < 3 {
-        return Err(lost("the medial side of the ramus above the lingula"));
-    }
-    Ok(points)
-}
-
-/// From the ridge's end over the buccal surface to the lower border and around it.
-fn buccal_part(
-    marks: &SideLandmarks,
-    side: Side,
-    ridge: &[LinePoint],
-    surface: &MeshDistance,
-) -> Result<Vec<LinePoint>, AnatomyError> {
-    let outward = Vec3::x() * side.sign();
-    let start = ridge.last().map_or(marks.second_molar_buccal, |p| p.at);
-    let down = (marks.lower_border - start).normalize();
-    // The plane of the cut holds `down` and the direction across the jaw.
-    let Some(normal) = down.cross(&outward).try_normalize(1e-6) else {
-        return Err(lost("the buccal cut"));
-    };
-    let flat = |v: Vec3| v - normal * v.dot(&normal);
-    let centre = start + flat(marks.lower_border - start) * 0.5;
-    let mut outline = Vec::new();
-    // Rays from around the body's cheek side towards its middle, from the crest to just past the lower border.
-    let half = 0.5 * (marks.lower_border - start).norm();
-    for i in 0..=120 {
-        let angle = f64::from(i) / 120.0 * 205.0f64.to_radians();
-        let from = centre - down * (angle.cos() * (half + 15.0)) + outward * (angle.sin() * 40.0);
-        let ray = flat(centre - from).normalize();
-        if let Some(at) = cast(surface, &from, &ray) {
-            outline.push(at);
-        }
-    }
-    if outline.len() < 60 {
-        return Err(lost("the buccal side of the body"));
-    }
-    // From the ridge's end on, and round the border by 3 mm.
-    let begin = (0..outline.len())
-        .min_by(|a, b| {
-            (outline[*a] - start)
-                .norm()
-                .total_cmp(&(outline[*b] - start).norm())
-        })
-        .unwrap_or(0);
-    // Where the wall has arrived at the lower border; a broad one may go on lower by a trifle.
-    let depths: Vec<f64> = outline.iter().map(|p| p.dot(&down)).collect();
-    let deepest = depths.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let arrived = depths.iter().position(|d| *d > deepest - 0.6);
-    let lowest = arrived.unwrap_or(outline.len() - 1);
-    let mut end = lowest;
-    let mut past = 0.0;
-    while end + 1 < outline.len() && past < 2.0 * STEP {
-        past += (outline[end + 1] - outline[end]).norm();
-        end += 1;
-    }
-    if begin + 10 > end {
-        return Err(lost("the buccal side of the body"));
-    }
-    let points = resample(&outline[begin..=end], STEP);
-    let border = outline[lowest];
-    let mut out = Vec::new();
-    // The first one is the ridge's own end.
-    for p in points.iter().skip(1) {
-        let inward = -flat(smooth_normal(p, surface));
-        let Some(toward) = inward.try_normalize(1e-6) else {
-            return Err(lost("the buccal side of the body"));
-        };
-        let depth = if (p - border).norm() < 2.5 * STEP {
-            4.0
-        } else {
-            3.5
-        };
-        out.push(onto(p, toward, depth, surface));
-    }
-    Ok(out)
-}
-
-fn onto(p: &Vec3, toward: Vec3, depth: f64, surface: &MeshDistance) -> LinePoint {
-    LinePoint {
-        at: surface.closest(p).map_or(*p, |c| c.point),
-        toward,
-        depth,
-    }
-}
-
-/// The part of `v` across `tangent`, as a unit vector.
-fn across(v: &Vec3, tangent: &Vec3) -> Option<Vec3> {
-    let t = tangent.try_normalize(1e-9)?;
-    (v - t * v.dot(&t)).try_normalize(1e-6)
-}
-
-/// Mean outward normal of the surface about `p`, over about 2 mm: the direction in which the distance grows.
-fn smooth_normal(p: &Vec3, surface: &MeshDistance) -> Vec3 {
-    const REACH: f64 = 2.0;
-    Vec3::from_fn(|k, _| {
-        let step = Vec3::from_fn(|j, _| if j == k { REACH } else { 0.0 });
-        surface.signed(&(p + step)) - surface.signed(&(p - step))
-    })
-}
-
-/// Points every `step` along a polyline, its ends kept.
-fn resample(line: &[Vec3], step: f64) -> Vec<Vec3> {
-    let length: f64 = line.windows(2).map(|p| (p[1] - p[0]).norm()).sum();
-    let n = (length / step).round().max(1.0) as usize;
-    let spacing = length / n as f64;
-    let mut out = vec![line[0]];
-    let mut travelled = 0.0;
-    for pair in line.windows(2) {
-        let edge = pair[1] - pair[0];
-        let end = travelled + edge.norm();
-        while out.len() < n && out.len() as f64 * spacing <= end {
-            let s = (out.len() as f64 * spacing - travelled) / edge.norm();
-            out.push(pair[0] + edge * s);
-        }
-        travelled = end;
-    }
-    out.push(line[line.len() - 1]);
-    out
-}
-
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+    use crate::landmarks::Landmarks;
     use crate::mesher::contour;
     use crate::parametric::{Parameters, ParametricMandible};
     use osteotome_mechanics::geometry::SignedDistance;
 
-    fn mandible(parameters: Parameters) -> (MeshDistance, Landmarks) {
+    pub(crate) fn mandible(parameters: Parameters) -> (MeshDistance, Landmarks) {
         let mandible = ParametricMandible::new(parameters).unwrap();
         let surface = MeshDistance::new(contour(&mandible, 2.0).unwrap());
         let landmarks = mandible.landmarks(&surface).unwrap();
@@ -542,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn dal_pont_line_runs_on_the_bone_of_any_jaw() {
+    fn hunsucks_line_runs_on_the_bone_of_any_jaw() {
         let defaults = Parameters::default();
         let jaws = [
             defaults,
@@ -565,7 +356,9 @@ mod tests {
             let jaw = ParametricMandible::new(parameters).unwrap();
             let teeth = jaw.teeth();
             for side in [Side::Right, Side::Left] {
-                let line = Osteotomy::dal_pont(&landmarks, side, 0.8, &surface).unwrap();
+                let line =
+                    Osteotomy::by_technique(Technique::Hunsuck, &landmarks, side, 0.8, &surface)
+                        .unwrap();
                 let names: Vec<_> = line.parts.iter().map(|p| p.kind.name()).collect();
                 assert_eq!(names, ["medial", "ridge", "buccal"]);
                 let gap = |a: usize, b: usize| {
@@ -607,8 +400,9 @@ mod tests {
     #[test]
     fn both_sides_are_mirror_images() {
         let (surface, landmarks) = mandible(Parameters::default());
-        let [right, left] = [Side::Right, Side::Left]
-            .map(|side| Osteotomy::dal_pont(&landmarks, side, 0.8, &surface).unwrap());
+        let [right, left] = [Side::Right, Side::Left].map(|side| {
+            Osteotomy::by_technique(Technique::Hunsuck, &landmarks, side, 0.8, &surface).unwrap()
+        });
         for (a, b) in right.parts.iter().zip(&left.parts) {
             assert_eq!(a.points.len(), b.points.len());
             for (p, q) in a.points.iter().zip(&b.points) {
@@ -621,7 +415,9 @@ mod tests {
     #[test]
     fn a_line_survives_its_file() {
         let (surface, landmarks) = mandible(Parameters::default());
-        let line = Osteotomy::dal_pont(&landmarks, Side::Left, 0.6, &surface).unwrap();
+        let line =
+            Osteotomy::by_technique(Technique::Hunsuck, &landmarks, Side::Left, 0.6, &surface)
+                .unwrap();
         let json = serde_json::to_vec(&line.to_file()).unwrap();
         let file = parse_osteotomy(&json, "line.json").unwrap();
         let kerf = file.kerf.unwrap();
@@ -638,7 +434,9 @@ mod tests {
     #[test]
     fn each_fault_names_the_point() {
         let (surface, landmarks) = mandible(Parameters::default());
-        let line = Osteotomy::dal_pont(&landmarks, Side::Right, 0.8, &surface).unwrap();
+        let line =
+            Osteotomy::by_technique(Technique::Hunsuck, &landmarks, Side::Right, 0.8, &surface)
+                .unwrap();
         let good = line.to_file().points;
         let n_medial = line.parts[0].points.len();
         let refusal = |change: &dyn Fn(&mut Vec<PointSpec>)| {
