@@ -82,11 +82,13 @@ impl Skin {
         }
     }
 
+    #[cfg(feature = "gpu")]
     /// Whether its bone, with its seams, is a closed surface; a skin without bone is.
     pub(crate) fn is_closed(&self) -> bool {
         self.is_closed
     }
 
+    #[cfg(feature = "gpu")]
     /// By how much of a cell's extent vertices may lie outside of their cells.
     pub(crate) fn beyond(&self) -> f32 {
         self.beyond
@@ -175,6 +177,7 @@ fn is_bone_closed(parts: &[Part]) -> bool {
         .all(|e| e.iter().map(way).sum::<i32>() == 0)
 }
 
+#[cfg(feature = "gpu")]
 /// A box that holds a body.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
@@ -182,6 +185,7 @@ pub(crate) struct Bounds {
     pub high: V3,
 }
 
+#[cfg(feature = "gpu")]
 impl Bounds {
     /// Of vertices that lie outside of these cells by at most so much of a cell's extent.
     pub fn of(cells: &[MovedCell], beyond: f32) -> Self {

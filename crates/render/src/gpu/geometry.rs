@@ -226,9 +226,11 @@ impl Lists {
 /// `None` if some of the bone is open, or not a skin: then nobody has looked whether it is closed.
 fn bounds_of_bone(scene: &Scene) -> Option<Bounds> {
     let is_bone = |kind| matches!(kind, Kind::Bone | Kind::Seam);
-    let closed = scene.skins.iter().all(crate::skin::Skin::is_closed);
+    let closed = scene.skins.iter().all(Skin::is_closed);
     let is_known = closed && !scene.meshes.iter().any(|m| is_bone(m.kind));
-    let beyond = scene.skins.iter().map(Skin::beyond).fold(0.0, f32::max);
+    let has_bone = |s: &&Skin| s.parts().iter().any(|p| is_bone(p.kind));
+    let bone = scene.skins.iter().filter(has_bone);
+    let beyond = bone.map(Skin::beyond).fold(0.0, f32::max);
     is_known.then(|| Bounds::of(scene.cells, beyond))
 }
 

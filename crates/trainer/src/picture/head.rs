@@ -44,13 +44,13 @@ struct Mouth {
 }
 
 /// Half width and half height of the open mouth \[mm\].
-const MOUTH: [f64; 2] = [27.0, 24.0];
+const MOUTH: [f64; 2] = [27.0, 27.0];
 /// How far a retractor pulls the corner of the mouth aside and back \[mm\].
-const PULLED: [f64; 2] = [17.0, 16.0];
+const PULLED: [f64; 2] = [26.0, 40.0];
 /// The radius of a lip \[mm\].
 const LIP: f64 = 5.5;
 /// The jaw is open by so much between the teeth \[mm\].
-const OPEN: f64 = 34.0;
+const OPEN: f64 = 26.0;
 /// Points around the mouth.
 const ROUND: u32 = 72;
 
@@ -63,8 +63,8 @@ impl Mouth {
         Self {
             centre: Vec3::new(
                 0.5 * (bounds.min.x + bounds.max.x),
-                bounds.min.y - 7.0,
-                top + 12.0,
+                bounds.min.y - 16.0,
+                top + 15.0,
             ),
             side: prepared.patient.osteotomy.side.sign(),
         }
@@ -75,9 +75,9 @@ impl Mouth {
         let (s, c) = angle.sin_cos();
         let (x, z) = (MOUTH[0] * c * out, MOUTH[1] * s * out);
         // How much of the pull reaches here.
-        let pull = (0.5 + 0.5 * c * self.side).powi(3) / out.powi(2);
+        let pull = (0.5 + 0.5 * c * self.side).powi(2) / out;
         // Cheeks lie back, more so the farther they are out.
-        let back = x * x / 105.0 + z * z / 320.0;
+        let back = x * x / 105.0 + z * z / 600.0;
         self.centre + Vec3::new(x + PULLED[0] * pull * self.side, back + PULLED[1] * pull, z)
     }
 }
@@ -90,14 +90,22 @@ pub fn schematic(prepared: &Prepared) -> Vec<Prop> {
     head
 }
 
+/// Where the mouth is pulled: there the bar of the lips begins and ends, behind the retractor.
+fn corner(mouth: &Mouth) -> f64 {
+    match mouth.side > 0.0 {
+        true => 0.0,
+        false => std::f64::consts::PI,
+    }
+}
+
 fn lips(mouth: &Mouth) -> Prop {
-    let angle = |k: u32| f64::from(k) / f64::from(ROUND) * std::f64::consts::TAU;
-    // A little beyond the beginning: both ends lie within the bar.
+    let start = corner(mouth);
+    let angle = |k: u32| start + f64::from(k) / f64::from(ROUND) * std::f64::consts::TAU;
     let ring = |k: u32| {
         let thinner = 1.0 - 0.35 * angle(k).cos().powi(4);
         (mouth.face(angle(k), 1.0) + Vec3::y() * 1.5, LIP * thinner)
     };
-    tube(look::LIP, &(0..=ROUND + 1).map(ring).collect::<Vec<_>>())
+    tube(look::LIP, &(0..=ROUND).map(ring).collect::<Vec<_>>())
 }
 
 fn skin(mouth: &Mouth) -> Prop {
@@ -125,14 +133,7 @@ fn skin(mouth: &Mouth) -> Prop {
 fn retractor(mouth: &Mouth) -> Prop {
     const WIDTH: f64 = 16.0;
     const THICK: f64 = 1.4;
-    let corner = mouth.face(
-        if mouth.side > 0.0 {
-            0.0
-        } else {
-            std::f64::consts::PI
-        },
-        1.0,
-    );
+    let corner = mouth.face(corner(mouth), 1.0);
     let out = Vec3::x() * mouth.side;
     // From within the cheek, round the corner, away to the side and forward.
     let path = [

@@ -152,7 +152,7 @@ fn teeth(body: &CrackedBody, prepared: &Prepared) -> (Skin, Vec<[u32; 3]>) {
 /// A ring of gum about a crown's neck.
 fn gum(crown: &TriMesh) -> TriMesh {
     /// Of the ring \[mm\].
-    const THICK: f64 = 1.9;
+    const THICK: f64 = 2.2;
     /// Points around, and around the ring itself.
     const AROUND: [u32; 2] = [24, 10];
     let bounds = crown.bounds();
@@ -176,7 +176,7 @@ fn gum(crown: &TriMesh) -> TriMesh {
         for k in 0..AROUND[1] {
             let (s, c) = turn(k, AROUND[1]);
             ring.vertices
-                .push(centre + (way * c + Vec3::z() * (1.5 * s)) * THICK);
+                .push(centre + (way * c + Vec3::z() * (1.25 * s)) * THICK);
         }
     }
     for i in 0..AROUND[0] {

@@ -314,8 +314,10 @@ fn view(w: &mut Window, ui: &mut Ui) {
         w.obey(&ctx, Command::FirstPerson);
     }
     ui.checkbox(&mut w.settings.is_transparent, "Look through the bone");
-    ui.checkbox(&mut w.settings.shows_loads, "Load arrows");
-    ui.checkbox(&mut w.settings.shows_head, "Head around");
+    ui.horizontal(|ui| {
+        ui.checkbox(&mut w.settings.shows_loads, "Load arrows");
+        ui.checkbox(&mut w.settings.shows_head, "Head");
+    });
     ui.horizontal(|ui| {
         ui.label("Apart");
         ui.spacing_mut().slider_width = ui.available_width() - 70.0;

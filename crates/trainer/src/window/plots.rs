@@ -37,8 +37,18 @@ pub fn row(ui: &mut Ui, live: &Live) {
     });
 }
 
+/// Narrower than this \[points\] a title is shortened.
+const NARROW: f32 = 240.0;
+
 fn title(ui: &mut Ui, text: &str, legend: &[(String, Color32)]) {
     ui.horizontal(|ui| {
+        // A narrow plot's title leaves the legend its room.
+        let is_narrow = ui.available_width() < NARROW;
+        let text = if is_narrow {
+            text.replace(" on the bone", "")
+        } else {
+            text.to_owned()
+        };
         ui.label(egui::RichText::new(text).color(style::TEXT).strong());
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             for (name, color) in legend.iter().rev() {
