@@ -4,7 +4,7 @@
 //! No relation for the mandible is known to this project. Those named here were measured on trabecular bone of other sites, and
 //! such relations depend on the site (Morgan, Bayraktar and Keaveny 2003, Journal of Biomechanics 36, 897: 142 specimens from 61
 //! cadavers; exponents 1.49 to 2.18, leading coefficients differ). Of that paper only the abstract was seen; the coefficients
-//! are as several published programs quote them. For cortical bone they are extrapolations.
+//! are as published programs quote them (the vertebra's several, the femoral neck's one). For cortical bone they are extrapolations.
 use crate::error::{AnatomyError, in_range};
 use crate::labels::{Volume, Voxel};
 use crate::nifti::read_nifti;
