@@ -67,6 +67,7 @@ fn the_shipped_split_gives_the_document_of_the_contract() {
             "main step",
             "collision query",
             "collision update",
+            "visual update",
             "linearisation",
             "factorisation"
         ]
