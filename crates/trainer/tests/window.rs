@@ -224,7 +224,9 @@ fn a_session_by_clicks_shows_moving_plots_pauses_resets_resizes_and_quits() {
          rest 2
          shot still.png
          drag 0.5 0.4 120 20
-         rest 3
+         rest 1
+         gone drawing
+         rest 1
          shot turned.png
          click Go on
          wait Running

@@ -5,6 +5,7 @@ use super::coach::Hints;
 use super::conductor::Phase;
 use super::live::look;
 use super::mouse_hands::Held;
+use super::orbit::Orbit;
 use super::shortcuts::{self, Command};
 use super::{planner, plots, style, teacher};
 use crate::picture::View;
@@ -143,7 +144,12 @@ pub fn foot(w: &mut Window, ui: &mut Ui) {
                 let drawn = match &w.view.texture {
                     Some(t) => {
                         let [x, y] = t.size();
-                        format!("Scene {x} x {y}, {:.0} ms", w.view.ms)
+                        let wished = w.view.orbit.as_ref().map(Orbit::camera);
+                        if w.view.camera == wished {
+                            format!("Scene {x} x {y}, {:.0} ms", w.view.ms)
+                        } else {
+                            format!("Scene {x} x {y}, drawing")
+                        }
                     }
                     None => String::new(),
                 };
