@@ -80,7 +80,7 @@ impl<'a> Balance<'a> {
         let farthest = longest(moves);
         let alone = (farthest < 0.9 * increment).then(|| scaled(moves, increment / farthest));
         let alone = alone.map(|moves| parts(&moves)).unwrap_or_default();
-        let pieces = alone.into_iter().chain([levelled(moves, increment)]);
+        let pieces = alone.into_iter().chain(levelled(moves, increment));
         self.first_paid(front, pieces.chain(self.windows(moves)))
     }
 
@@ -147,15 +147,14 @@ fn parts(moves: &[Vec3]) -> Vec<Vec<Vec3>> {
 }
 
 /// Half of the moving vertices move by the increment, the others in proportion to how hard they are driven. Beside a chisel one vertex
-/// may be driven ten times as hard as all others, which then hardly move.
-fn levelled(moves: &[Vec3], increment: f64) -> Vec<Vec3> {
+/// may be driven ten times as hard as all others, which then hardly move. None where that changes little.
+fn levelled(moves: &[Vec3], increment: f64) -> Option<Vec<Vec3>> {
+    const UNLIKE: f64 = 0.7;
     let mut lengths: Vec<f64> = moves.iter().map(Vec3::norm).filter(|l| *l > 0.0).collect();
     lengths.sort_by(f64::total_cmp);
-    let Some(median) = lengths.get(lengths.len() / 2) else {
-        return moves.to_vec();
-    };
-    let level = |m: &Vec3| m.cap_magnitude(*median) * (increment / median);
-    moves.iter().map(level).collect()
+    let median = *lengths.get(lengths.len() / 2)?;
+    let level = |m: &Vec3| m.cap_magnitude(median) * (increment / median);
+    (median < UNLIKE * longest(moves)).then(|| moves.iter().map(level).collect())
 }
 
 fn scaled(moves: &[Vec3], by: f64) -> Vec<Vec3> {
