@@ -234,6 +234,8 @@ pub struct FaceContact {
 
 /// Most pairs that can press at once; beyond it the deepest come first.
 const MOST_ACTIVE: usize = 256;
+/// Most pairs taken in at once: where the deepest are pressed apart, most others no longer overlap.
+const MOST_NEW: usize = 24;
 /// Stiffness of the penalty \[N/mm3\]: a pressure of 10 MPa overlaps the faces by a micrometre.
 const STIFFNESS: f64 = 1e4;
 
@@ -297,7 +299,7 @@ impl FaceContact {
             .filter(|i| opening[*i] < 0.0 && !self.active.contains(i))
             .collect();
         new.sort_by(|a, b| opening[*a].total_cmp(&opening[*b]).then(a.cmp(b)));
-        new.truncate(MOST_ACTIVE - self.active.len().min(MOST_ACTIVE));
+        new.truncate(MOST_NEW.min(MOST_ACTIVE - self.active.len().min(MOST_ACTIVE)));
         new
     }
 

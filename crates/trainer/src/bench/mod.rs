@@ -8,6 +8,7 @@ mod figures;
 mod hands;
 mod probe;
 mod rates;
+mod recording_cost;
 mod replay;
 mod rows;
 mod table;

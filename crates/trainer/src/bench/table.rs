@@ -33,6 +33,7 @@ pub fn text(e: &Evaluation) -> String {
     );
     lines.extend(e.replayed.rows.iter().flat_map(baselines));
     lines.extend(equations(&e.replayed.rows));
+    lines.extend(recording(e));
     lines.push(String::new());
     let [haptic, main, propagation] = e.paced.hz();
     let missed = e.paced.pace.map(|p| p.missed);
@@ -42,6 +43,21 @@ pub fn text(e: &Evaluation) -> String {
     ));
     lines.push("The paper's Figure 6: haptic loop 1000 Hz, main loop 30 to 50 Hz.".to_owned());
     lines.join("\n")
+}
+
+/// What the recorder costs the haptic loop.
+fn recording(e: &Evaluation) -> Option<String> {
+    let ms = super::recording_cost::per_sample_ms(&e.paced.haptic)?;
+    let steps = e
+        .replayed
+        .rows
+        .iter()
+        .find(|r| r.part == Part::HapticStep)?;
+    let share = 100.0 * ms / steps.times.in_short()?.mean;
+    Some(format!(
+        "Recording a haptic step: {:.3} us more, {share:.2} % of it.",
+        1e3 * ms
+    ))
 }
 
 /// What the paper does after each growth, over what is done here.

@@ -58,6 +58,11 @@ impl<T> RingIn<T> {
         self.dropped += u64::from(self.producer.push(value).is_err());
     }
 
+    /// Whether all that was put in has been taken.
+    pub fn is_empty(&self) -> bool {
+        self.producer.slots() == self.producer.buffer().capacity()
+    }
+
     /// Values dropped so far.
     pub fn n_dropped(&self) -> u64 {
         self.dropped

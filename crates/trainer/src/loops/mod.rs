@@ -5,6 +5,7 @@ mod realtime;
 
 pub use crate::session::Seen;
 pub use exchange::{Control, Published, Subscribed, latest};
+pub(crate) use exchange::{Timed, rings};
 pub use lockstep::lockstep;
 pub(crate) use lockstep::lockstep_on;
 pub(crate) use lockstep::timed;
