@@ -61,15 +61,9 @@ pub struct Region {
     path: Path,
     /// What is not on it.
     rest: Path,
-    share: f64,
 }
 
 impl Region {
-    /// Share of the base's values that a solve in this region passes through.
-    pub fn share(&self) -> f64 {
-        self.share
-    }
-
     /// The unknowns asked for, ascending.
     pub fn unknowns(&self) -> &[u32] {
         &self.unknowns
@@ -252,7 +246,6 @@ impl Bordered {
         let in_base = |i: &u32| (*i as usize) < self.base.n();
         let path = self.base.path(unknowns.iter().copied().filter(in_base));
         Region {
-            share: self.base.n_values_on(&path) as f64 / self.base.n_values().max(1) as f64,
             rest: self.base.rest(&path),
             path,
             unknowns,
@@ -356,18 +349,18 @@ impl Bordered {
         packed: &mut [f64],
     ) {
         self.border_down(a);
+        self.subtract_border::<P>(y, a, packed);
+        self.base.backward::<P>(path, y, below);
+    }
+
+    /// y <- y - W a.
+    fn subtract_border<P: Precision>(&self, y: &mut [f64], a: &[f64], packed: &mut [f64]) {
         for b in &self.batches {
-            let packed = &mut packed[..b.path.n_rows()];
+            let (packed, own) = (&mut packed[..b.path.n_rows()], &a[b.before..b.before + b.m]);
             packed.fill(0.0);
-            add_columns(
-                packed,
-                P::of(&b.w),
-                packed.len(),
-                &a[b.before..b.before + b.m],
-            );
+            add_columns(packed, P::of(&b.w), packed.len(), own);
             self.base.scatter_subtract(&b.path, packed, y);
         }
-        self.base.backward::<P>(path, y, below);
     }
 
     /// The forward half of a solve: `swept` becomes L^-1 b.
@@ -437,17 +430,7 @@ impl Bordered {
             ..
         } = scratch;
         let (y, _) = swept.values.split_at_mut(u.len());
-        for b in &self.batches {
-            let packed = &mut packed[..b.path.n_rows()];
-            packed.fill(0.0);
-            add_columns(
-                packed,
-                Single::of(&b.w),
-                packed.len(),
-                &a[b.before..b.before + b.m],
-            );
-            self.base.scatter_subtract(&b.path, packed, y);
-        }
+        self.subtract_border::<Single>(y, a, packed);
         self.base.place_all(&region.path, u, y);
         self.base.backward::<Single>(&region.rest, y, below);
         self.base.take_all(whole, y, u);

@@ -211,12 +211,6 @@ impl Factor {
         self.values.len()
     }
 
-    /// Number of values that a sweep on `path` passes through.
-    pub fn n_values_on(&self, path: &Path) -> usize {
-        let own = |s: &u32| self.value_range(*s as usize).len();
-        path.supernodes.iter().map(own).sum()
-    }
-
     /// The path of right-hand sides that are zero but at the given unknowns.
     pub fn path(&self, unknowns: impl IntoIterator<Item = u32>) -> Path {
         let mut seen = vec![false; self.parent.len()];
@@ -318,12 +312,8 @@ impl Factor {
         &self.pattern[self.pattern_first[s]..self.pattern_first[s + 1]]
     }
 
-    fn value_range(&self, s: usize) -> std::ops::Range<usize> {
-        self.value_first[s]..self.value_first[s + 1]
-    }
-
     fn values<P: Precision>(&self, s: usize) -> &[P::Value] {
-        &P::of(&self.values)[self.value_range(s)]
+        &P::of(&self.values)[self.value_first[s]..self.value_first[s + 1]]
     }
 
     /// Length of the longest pattern: what the sweeps need for `below`.

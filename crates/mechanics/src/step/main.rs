@@ -204,33 +204,33 @@ pub fn main_step(
         // 3: collision detection follows the bone.
         if !last {
             state.show(bone, &guess);
-        } else {
-            if converged {
-                state.arrive(bone);
-            } else {
-                state.halt(bone, &guess);
-            }
-            let n_closed = loads.len() - loads.partition_point(|l| l.1 == Source::Tool);
-            state.bone.loads = loads.into_iter().map(|l| l.0).collect();
-            state.bone.strain_energy = state.strain_energy();
-            state.bone.converged = converged;
-            let yielding = state.yielding.as_ref();
-            state.compliance = yielding.map(|y| y.bone_compliance(&tools, &result.coupling));
-            state.tools.commit(&mut state.anchors);
-            let scene = scene(bone, &state.bone, &state.volumes, state.scene_state);
-            state.tools.look_about(model, &tools, &scene);
-            return MainReport {
-                iterations,
-                residual,
-                converged,
-                n_contacts: result.n_contacts.iter().sum(),
-                n_closed: n_closed / 2,
-                max_displacement: largest(state.bone.x.iter().copied()),
-                strain_energy: state.bone.strain_energy,
-                tools,
-                wrenches: result.coupling.map(|w| -w),
-            };
+            continue;
         }
+        if converged {
+            state.arrive(bone);
+        } else {
+            state.halt(bone, &guess);
+        }
+        let n_closed = loads.len() - loads.partition_point(|l| l.1 == Source::Tool);
+        state.bone.loads = loads.into_iter().map(|l| l.0).collect();
+        state.bone.strain_energy = state.strain_energy();
+        state.bone.converged = converged;
+        let yielding = state.yielding.as_ref();
+        state.compliance = yielding.map(|y| y.bone_compliance(&tools, &result.coupling));
+        state.tools.commit(&mut state.anchors);
+        let scene = scene(bone, &state.bone, &state.volumes, state.scene_state);
+        state.tools.look_about(model, &tools, &scene);
+        return MainReport {
+            iterations,
+            residual,
+            converged,
+            n_contacts: result.n_contacts.iter().sum(),
+            n_closed: n_closed / 2,
+            max_displacement: largest(state.bone.x.iter().copied()),
+            strain_energy: state.bone.strain_energy,
+            tools,
+            wrenches: result.coupling.map(|w| -w),
+        };
     }
 }
 
