@@ -58,7 +58,7 @@ impl FrontDrives {
 
     /// The drive that moves a front by the whole increment: the largest of all stations that lie well inside the body. A front's end
     /// that has run out of it can be driven many times as hard, which says nothing about the rest.
-    fn pace(&self, fronts: &[EvaluatedFront]) -> f64 {
+    pub(crate) fn pace(&self, fronts: &[EvaluatedFront]) -> f64 {
         let all = fronts.iter().zip(&self.smooth);
         let all = all.flat_map(|(f, drives)| f.stations.iter().zip(drives));
         let inner = all.filter(|(s, _)| s.inside >= WELL_INSIDE);

@@ -71,6 +71,20 @@ impl Sheet {
             .min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
+    /// The point of the sheet closest to `p`, if it is closer than `reach`.
+    pub fn closest_within(&self, p: &Vec3, reach: f64) -> Option<Vec3> {
+        let feet = (0..self.mesh.triangles.len()).filter_map(|t| {
+            let corners = self.mesh.corners(t);
+            let near = Aabb::around(&corners).grown(reach).contains(p);
+            near.then(|| closest_on_triangle(p, &corners))
+                .map(|w| (0..3).map(|k| corners[k] * w[k]).sum::<Vec3>())
+        });
+        feet.map(|foot| ((foot - p).norm(), foot))
+            .filter(|(d, _)| *d < reach)
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(_, foot)| foot)
+    }
+
     /// The sheet's triangles and those of its lead.
     fn triangles(&self) -> impl Iterator<Item = [Vec3; 3]> {
         let corners = |m: &'_ TriMesh, t: usize| m.corners(t);

@@ -74,14 +74,37 @@ impl<'a> Balance<'a> {
     }
 
     /// What of a stretch that cannot pay as it would move can pay by itself: the stretch moved as far as if no other front were
-    /// driven harder, or as if no vertex of it were driven harder than half of its vertices are, or a short piece of it.
-    pub fn advance_some(&self, front: &Front, moves: &[Vec3]) -> Result<Option<Trial>, BodyError> {
+    /// driven harder, or as if no vertex of it were driven harder than half of its vertices are, or a short piece of it in which some
+    /// vertex moves by `least` or more.
+    pub fn advance_some(
+        &self,
+        front: &Front,
+        moves: &[Vec3],
+        least: f64,
+    ) -> Result<Option<Trial>, BodyError> {
         let increment = self.body.solid.lengths.increment;
         let farthest = longest(moves);
         let alone = (farthest < 0.9 * increment).then(|| scaled(moves, increment / farthest));
         let alone = alone.map(|moves| parts(&moves)).unwrap_or_default();
         let pieces = alone.into_iter().chain(levelled(moves, increment));
-        self.first_paid(front, pieces.chain(self.windows(moves)))
+        self.first_paid(front, pieces.chain(self.windows(moves, least)))
+    }
+
+    /// A stretch of front that is about to meet another sheet, moved there as a whole or, if that does not pay, in pieces.
+    pub fn join(&self, front: &Front, ways: &[Vec3]) -> Result<Option<Trial>, BodyError> {
+        let places: Vec<usize> = (0..ways.len())
+            .filter(|&k| ways[k] != Vec3::zeros())
+            .collect();
+        let piece = |part: &[usize]| {
+            let mut moves = vec![Vec3::zeros(); ways.len()];
+            part.iter().for_each(|&k| moves[k] = ways[k]);
+            moves
+        };
+        let pieces = places.chunks(PIECE).filter(|p| p.len() < places.len());
+        self.first_paid(
+            front,
+            std::iter::once(ways.to_vec()).chain(pieces.map(piece)),
+        )
     }
 
     fn first_paid(
@@ -99,17 +122,18 @@ impl<'a> Balance<'a> {
     }
 
     /// Short pieces of a stretch, each moved as far as if it were alone, hardest driven first.
-    fn windows(&self, moves: &[Vec3]) -> Vec<Vec<Vec3>> {
+    fn windows(&self, moves: &[Vec3], least: f64) -> Vec<Vec<Vec3>> {
         let Some(last) = moves.len().checked_sub(WINDOW) else {
             return Vec::new();
         };
         let starts = (0..last).step_by(WINDOW - 1).chain([last]);
         let mut windows: Vec<(f64, usize)> = starts
             .map(|first| {
-                let sum = moves[first..first + WINDOW].iter().map(Vec3::norm).sum();
-                (sum, first)
+                let window = &moves[first..first + WINDOW];
+                (window.iter().map(Vec3::norm).sum(), longest(window), first)
             })
-            .filter(|w| w.0 > 0.0)
+            .filter(|w| w.1 >= least)
+            .map(|(sum, _, first)| (sum, first))
             .collect();
         windows.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         let alone = |(_, first): (f64, usize)| {
@@ -124,6 +148,8 @@ impl<'a> Balance<'a> {
     }
 }
 
+/// Vertices of a front that meet another sheet together.
+const PIECE: usize = 4;
 /// Vertices of a front that are tried by themselves: some four element sizes.
 const WINDOW: usize = 9;
 /// So many windows of a stretch are tried.
@@ -161,6 +187,6 @@ fn scaled(moves: &[Vec3], by: f64) -> Vec<Vec3> {
     moves.iter().map(|m| m * by).collect()
 }
 
-fn longest(moves: &[Vec3]) -> f64 {
+pub(super) fn longest(moves: &[Vec3]) -> f64 {
     moves.iter().map(Vec3::norm).fold(0.0, f64::max)
 }

@@ -21,6 +21,19 @@ struct FacePair {
     area: f64,
 }
 
+/// Where the two faces of the crack lie opposite each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FacePlace {
+    /// In the undeformed body \[mm\].
+    pub position: Vec3,
+    /// Unit vector to the side that a positive force pushes along it.
+    pub normal: Vec3,
+    /// Width of the kerf \[mm\]; zero where the bone broke.
+    pub gap: f64,
+    /// \[mm2\]
+    pub area: f64,
+}
+
 /// The crack in one divided tetrahedron.
 #[derive(Clone, Copy, Debug)]
 struct Divided {
@@ -80,6 +93,26 @@ impl CrackFaces {
     /// The cells on both sides of each pair.
     pub fn cells(&self) -> impl Iterator<Item = u32> {
         self.pairs.iter().flat_map(|p| p.cells)
+    }
+
+    /// Where each pair is.
+    pub fn places(&self, body: &CrackedBody) -> impl Iterator<Item = FacePlace> {
+        let mesh = &body.solid.mesh;
+        self.pairs.iter().map(|p| {
+            let tet = body.topology.cells()[p.cells[0] as usize].tet;
+            let corners = mesh.corners(tet as usize);
+            FacePlace {
+                position: (0..4).map(|k| corners[k] * p.weights[k]).sum(),
+                normal: p.normal,
+                gap: p.gap,
+                area: p.area,
+            }
+        })
+    }
+
+    /// Forces that push the two faces of a pair apart with `force` \[N\] each.
+    pub fn push_apart(&self, pair: usize, force: f64) -> [CellForce; 2] {
+        self.pairs[pair].forces(force)
     }
 
     /// How many pairs there are.

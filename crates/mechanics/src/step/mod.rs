@@ -7,12 +7,14 @@ mod crack_faces;
 pub mod haptic;
 mod ligament;
 pub mod main;
+mod meeting;
 mod propagation;
 mod relaxation;
 mod sweep_region;
+mod under_loads;
 mod walls;
 mod yielding;
 
 pub use bone::{Body, Bone, BoneState, Region};
-pub use crack_faces::{CrackFaces, FaceContact};
+pub use crack_faces::{CrackFaces, FaceContact, FacePlace};
 pub use propagation::{FrontPoint, GrowthReport, PropagationSettings, propagation_step};

@@ -1,6 +1,6 @@
-use super::balance::{Balance, Trial};
+use super::balance::{Balance, Trial, longest};
 use super::bone::{Bone, BoneState};
-use super::ligament;
+use super::{ligament, meeting};
 use crate::crack::growth::Drive;
 use crate::crack::load_control::FrontDrives;
 use crate::crack::stress_intensity::Station;
@@ -93,15 +93,28 @@ pub fn propagation_step(
     let lengths = &body.lengths;
     let drives = FrontDrives::new(&evaluated, lengths);
     report.strongest = drives.largest();
-    let moves = drives.moves(&evaluated, lengths, 1.0);
+    // What moves is the whole front, in proportion to its drive, as soon as the balance pays for it: where only the hardest driven places
+    // move, the front turns ragged, and the integrals along it go wrong.
+    let is_driven = report.strongest >= 1.0;
+    let moves = drives.moves(&evaluated, lengths, if is_driven { 0.0 } else { 1.0 });
     for ((e, drives), moves) in evaluated.iter().zip(&drives.smooth).zip(&moves) {
         let points = e.stations.iter().zip(drives).zip(moves);
         let points = points.map(|((s, d), m)| FrontPoint::new(s, d, m));
         report.fronts.push(points.collect());
     }
     let balance = Balance::new(&bone.cracked, &state.loads);
-    let stretches = stretches(&evaluated, &moves);
+    let driven = lengths.increment / drives.pace(&evaluated).max(1.0);
+    let mut stretches = stretches(&evaluated, &moves);
+    stretches.retain(|(_, moves)| longest(moves) >= driven);
     let mut best = best_of(&stretches, |front, moves| balance.advance(front, moves))?;
+    if is_driven {
+        let ways = meeting::ways(&evaluated, &bone.crack, lengths);
+        let met = best_of(&self::stretches(&evaluated, &ways), |front, ways| {
+            balance.join(front, ways)
+        })?;
+        let ratio = best.as_ref().map_or(0.0, |b| b.ratio);
+        best = met.filter(|m| m.ratio > ratio).or(best);
+    }
     // A ligament that would tear goes before a crack starts anew elsewhere.
     if best.is_none()
         && let Some((n_edges, torn)) = ligament::weakest(bone, &balance, settings)?
@@ -111,7 +124,7 @@ pub fn propagation_step(
     }
     if best.is_none() {
         best = best_of(&stretches, |front, moves| {
-            balance.advance_some(front, moves)
+            balance.advance_some(front, moves, driven)
         })?;
     }
     let Some(Trial { body: grown, .. }) = best else {
