@@ -1,6 +1,7 @@
 //! Project chores: `cargo run -p xtask -- meshes` writes the meshes and cracks of `validation/`,
 //! `cargo run --release -p xtask -- validation` solves them and writes `docs/validation.md`,
 //! `cargo run -p xtask -- scaling nodes a.json b.json` (or `points`) draws `docs/performance/` from runs of `osteotome bench --json`.
+mod jaw_split;
 mod meshes;
 mod scaling;
 mod validation;
@@ -12,6 +13,7 @@ fn main() -> Result<()> {
     match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["meshes"] => meshes::write_all(),
         ["validation"] => validation::write(),
+        ["jaw-split", ..] => jaw_split::run(&arguments[1..]),
         ["scaling", what, ..] => scaling::write(what, &arguments[2..]),
         _ => bail!("give a chore: meshes, validation, or scaling nodes|points FILE..."),
     }
