@@ -2,7 +2,7 @@
 use crate::loops::Sink;
 use crate::retry::Schedule;
 use crate::session::{
-    GrowthSample, HandSample, HapticSample, Loop, MainSample, Pace, Recording, StepTime,
+    Digest, GrowthSample, HandSample, HapticSample, Loop, MainSample, Pace, Recording, StepTime,
 };
 use anyhow::Result;
 
@@ -12,6 +12,8 @@ pub struct Comparison<'a> {
     /// Tool position \[mm\], tool rotation \[rad\], force \[N\], torque \[N mm\] at the device.
     worst: [f64; 4],
     steps: usize,
+    digest: Digest,
+    digests: usize,
     main: usize,
     growth: usize,
     different: Vec<String>,
@@ -25,6 +27,8 @@ impl<'a> Comparison<'a> {
             recording,
             worst: [0.0; 4],
             steps: 0,
+            digest: Digest::default(),
+            digests: 0,
             main: 0,
             growth: 0,
             different: vec![],
@@ -98,7 +102,16 @@ impl<'a> Comparison<'a> {
     }
 }
 
+/// Tools and wrenches are recorded rounded, in older recordings to the last bit.
 fn deviation(now: &HandSample, before: &HandSample) -> [f64; 4] {
+    let exact = difference(now, before);
+    if exact == [0.0; 4] {
+        return exact;
+    }
+    difference(&now.rounded(), before)
+}
+
+fn difference(now: &HandSample, before: &HandSample) -> [f64; 4] {
     let distance = (now.tool_pose.translation.vector - before.tool_pose.translation.vector).norm();
     let same_rotation = now.tool_pose.rotation.coords == before.tool_pose.rotation.coords;
     // The angle between equal quaternions comes out as 1e-8 by rounding.
@@ -129,6 +142,15 @@ impl Sink for Comparison<'_> {
             }
         }
         self.steps += 1;
+        self.digest.take(sample);
+        if let Some(before) = self.recording.digests.get(self.digests)
+            && before.steps == self.digest.steps
+        {
+            self.digests += 1;
+            if *before != self.digest {
+                self.differs(format!("digest of the first {} haptic steps", self.steps));
+            }
+        }
         Ok(())
     }
 
