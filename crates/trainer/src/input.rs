@@ -1,7 +1,7 @@
 //! Whose hands hold the devices: the built-in surgeon's, a user's, or recorded ones.
 use crate::loops::Subscribed;
 use crate::scenario::{Scenario, Tool, Workspace};
-use crate::session::HandSample;
+use crate::session::{HandSample, on_grid};
 use crate::surgeon::{BuiltInSurgeon, CrackView, Sight, SplitLine};
 use anyhow::{Result, bail};
 use nalgebra::UnitQuaternion;
@@ -385,7 +385,9 @@ impl Resumed {
         for (i, hand) in live.hands.iter_mut().enumerate() {
             refused += u32::from(self.recorded[i].write(&wrenches[i]).is_err());
             if let Hand::Simulated(hand) = hand {
-                self.is_own[i] &= hand.read().pose == self.recorded[i].pose();
+                let (pose, recorded) = (hand.read().pose, self.recorded[i].pose());
+                // Recordings made before there was a grid are off it.
+                self.is_own[i] &= [pose, on_grid(&pose)].contains(&recorded);
                 // What it refuses has been counted.
                 let _ = hand.write(&wrenches[i]);
             }
@@ -499,9 +501,13 @@ impl Live {
             }
         }
         let is_paused = self.is_paused;
-        self.hands.each_mut().map(|hand| match hand {
-            Hand::Simulated(hand) | Hand::Guided(Guided { hand, .. }) => hand.read(),
-            Hand::Operated(device) => device.follow(is_paused),
+        self.hands.each_mut().map(|hand| {
+            let reading = match hand {
+                Hand::Simulated(hand) | Hand::Guided(Guided { hand, .. }) => hand.read(),
+                Hand::Operated(device) => device.follow(is_paused),
+            };
+            let pose = on_grid(&reading.pose);
+            Reading { pose, ..reading }
         })
     }
 
