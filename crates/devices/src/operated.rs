@@ -35,6 +35,8 @@ pub struct OperatedDevice {
     held: Pose,
     is_following: bool,
     ramp: f64,
+    /// Of the wrench that is displayed.
+    share: f64,
     /// The device's and the world's position of the same point.
     anchor: [Vec3; 2],
     /// Turn of the tool against where the handle wants it.
@@ -59,10 +61,18 @@ impl OperatedDevice {
             held: start,
             is_following: false,
             ramp: 0.0,
+            share: 1.0,
             anchor: [Vec3::zeros(), start.translation.vector],
             askew: UnitQuaternion::identity(),
             events: Vec::with_capacity(MAX_EVENTS),
         }
+    }
+
+    /// Displays no more than this share of each wrench: for a coupling that is stiffer than the device bears.
+    #[must_use]
+    pub fn at_share(mut self, share: f64) -> Self {
+        self.share = share;
+        self
     }
 
     /// What the device is.
@@ -128,8 +138,8 @@ impl OperatedDevice {
         if !self.is_following {
             return self.device.write(&Wrench::default());
         }
-        let share = self.ramp;
-        self.ramp = (share + self.dt / RAMP).min(1.0);
+        let share = self.ramp * self.share;
+        self.ramp = (self.ramp + self.dt / RAMP).min(1.0);
         let eased = Wrench {
             force: world.force * share,
             torque: world.torque * share,
@@ -271,6 +281,13 @@ mod tests {
         );
         let faults: Vec<_> = stage.hand.events().iter().map(|e| e.fault).collect();
         assert_eq!(faults, [Some(DeviceFault::Unplugged), None]);
+    }
+
+    #[test]
+    fn a_share_of_the_wrench_is_displayed() {
+        let mut stage = Stage::new(Workspace::at(Pose::identity()));
+        stage.hand = stage.hand.at_share(0.25);
+        assert_eq!(stage.settle().1, 0.25);
     }
 
     #[test]
