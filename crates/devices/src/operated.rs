@@ -181,7 +181,7 @@ impl OperatedDevice {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Health, OMNI};
+    use crate::{DeviceModel, Health, OMNI, PREMIUM_6DOF};
     use std::sync::{Arc, Mutex};
 
     #[derive(Default)]
@@ -220,8 +220,11 @@ mod tests {
 
     impl Stage {
         fn new(workspace: Workspace) -> Self {
+            Self::of(&OMNI, workspace)
+        }
+        fn of(model: &DeviceModel, workspace: Workspace) -> Self {
             let scene = Arc::new(Mutex::new(Scene::default()));
-            let puppet = Puppet(Specification::of(&OMNI, ""), scene.clone());
+            let puppet = Puppet(Specification::of(model, ""), scene.clone());
             let hand = OperatedDevice::new(Box::new(puppet), workspace, 1e-3);
             Self { scene, hand }
         }
@@ -281,6 +284,28 @@ mod tests {
         );
         let faults: Vec<_> = stage.hand.events().iter().map(|e| e.fault).collect();
         assert_eq!(faults, [Some(DeviceFault::Unplugged), None]);
+    }
+
+    /// 100 N mm about x at a lever of 50 mm are 2 N in the hand, on a device that has no torque of its own.
+    #[test]
+    fn torque_is_shown_as_a_force_only_where_there_is_no_torque() {
+        let workspace = Workspace {
+            torque_lever: Some(50.0),
+            ..Workspace::at(Pose::identity())
+        };
+        let shown = |model| {
+            let mut stage = Stage::of(model, workspace.clone());
+            stage.settle();
+            let turn = Wrench {
+                force: Vec3::zeros(),
+                torque: Vec3::new(100.0, 0.0, 0.0),
+            };
+            stage.hand.write(&turn).unwrap();
+            stage.scene.lock().unwrap().shown
+        };
+        assert!((shown(&OMNI).force.norm() - 2.0).abs() < 1e-12);
+        assert_eq!(shown(&PREMIUM_6DOF).force, Vec3::zeros());
+        assert_eq!(shown(&PREMIUM_6DOF).torque.x, 100.0);
     }
 
     #[test]

@@ -36,7 +36,7 @@ const INITIAL: u8 = 0x80;
 /// Between attempts to reach a pad that is gone.
 const RETRY: Duration = Duration::from_millis(200);
 
-/// Where the system keeps its input devices.
+/// Where the system keeps its input devices; files also where `OSTEOTOME_INPUT` says.
 #[derive(Clone, Debug)]
 pub struct Places {
     /// Files to read.
@@ -47,8 +47,9 @@ pub struct Places {
 
 impl Default for Places {
     fn default() -> Self {
+        let given = std::env::var_os("OSTEOTOME_INPUT").map(PathBuf::from);
         Self {
-            devices: "/dev/input".into(),
+            devices: given.unwrap_or_else(|| "/dev/input".into()),
             descriptions: "/sys/class/input".into(),
         }
     }
