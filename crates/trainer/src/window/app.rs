@@ -70,6 +70,8 @@ pub struct ViewState {
     pub wished: Option<View>,
     /// Whether it follows the chisels.
     pub is_first_person: bool,
+    /// Whether the panel on the left shows what is set of it.
+    pub is_being_set: bool,
     /// The newest picture.
     pub texture: Option<TextureHandle>,
     /// From where that was taken.
