@@ -302,7 +302,7 @@ pub fn profile(w: &mut Window, ui: &mut Ui) {
     let now = w.settings.profile.clone();
     let shown = if now.is_empty() { nobody } else { &now };
     ui.horizontal(|ui| {
-        let combo = wide_combo("profile", shown, ui).width(ui.available_width() - 66.0);
+        let combo = wide_combo("profile", shown, ui).width(ui.available_width() - 70.0);
         combo.show_ui(ui, |ui| {
             ui.selectable_value(&mut w.settings.profile, String::new(), nobody);
             for name in &w.teacher.names {
