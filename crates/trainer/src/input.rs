@@ -177,7 +177,7 @@ fn share(tool: &Tool, device: &LinkedDevice) -> f64 {
 }
 
 /// What devices show less of than a scenario asks for whose limits and couplings must stay: those that a recorded session was made
-/// with. Loads beyond a device's are cut by its driver; what a stiffer coupling gives is shown at its [`share`].
+/// with. Loads beyond a device's are cut by its driver; what a stiffer coupling gives is shown at a share.
 pub fn shown_less(scenario: &Scenario, devices: &Devices) -> Vec<String> {
     let less = |(device, tool): (&Option<LinkedDevice>, &Tool)| {
         let device = device.as_ref()?;

@@ -1,7 +1,7 @@
 //! Gamepads. Left stick: right and away; right stick: up and about the upright axis; shoulder buttons: pitch. The four
 //! buttons on the right are 0 (lowest), 1 (right), 2 (left), 3 (uppermost). Six degrees of freedom less roll in, none out.
 //!
-//! On Linux through the kernel's joystick files ([`joydev`]), which needs no library, to build or to run; elsewhere
+//! On Linux through the kernel's joystick files, which needs no library, to build or to run; elsewhere
 //! through gilrs.
 #[cfg(not(target_os = "linux"))]
 mod elsewhere;
