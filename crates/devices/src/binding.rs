@@ -56,13 +56,7 @@ impl Driver {
                 driver: self.name(),
                 message: "spacenavd is not available on this system".to_owned(),
             }),
-            #[cfg(feature = "gamepad")]
             Self::Gamepad => crate::gamepad::connect(),
-            #[cfg(not(feature = "gamepad"))]
-            Self::Gamepad => Err(OpenError::Refused {
-                driver: self.name(),
-                message: "this program was built without gamepads; build it with --features gamepad (on Linux with libudev's headers)".to_owned(),
-            }),
         }
     }
 }

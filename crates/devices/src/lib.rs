@@ -13,7 +13,6 @@
 mod binding;
 mod exercise;
 pub mod force_dimension;
-#[cfg(feature = "gamepad")]
 pub mod gamepad;
 pub mod haply;
 mod library;
@@ -23,7 +22,6 @@ mod open_error;
 pub mod openhaptics;
 mod operated;
 mod pace;
-#[cfg(any(unix, feature = "gamepad"))]
 mod puck;
 mod recorded_hand;
 pub mod remote;

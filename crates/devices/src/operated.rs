@@ -35,6 +35,8 @@ pub struct OperatedDevice {
     held: Pose,
     is_following: bool,
     ramp: f64,
+    /// Of the wrench that is displayed.
+    share: f64,
     /// The device's and the world's position of the same point.
     anchor: [Vec3; 2],
     /// Turn of the tool against where the handle wants it.
@@ -59,10 +61,18 @@ impl OperatedDevice {
             held: start,
             is_following: false,
             ramp: 0.0,
+            share: 1.0,
             anchor: [Vec3::zeros(), start.translation.vector],
             askew: UnitQuaternion::identity(),
             events: Vec::with_capacity(MAX_EVENTS),
         }
+    }
+
+    /// Displays no more than this share of each wrench: for a coupling that is stiffer than the device bears.
+    #[must_use]
+    pub fn at_share(mut self, share: f64) -> Self {
+        self.share = share;
+        self
     }
 
     /// What the device is.
@@ -128,8 +138,8 @@ impl OperatedDevice {
         if !self.is_following {
             return self.device.write(&Wrench::default());
         }
-        let share = self.ramp;
-        self.ramp = (share + self.dt / RAMP).min(1.0);
+        let share = self.ramp * self.share;
+        self.ramp = (self.ramp + self.dt / RAMP).min(1.0);
         let eased = Wrench {
             force: world.force * share,
             torque: world.torque * share,
@@ -171,7 +181,7 @@ impl OperatedDevice {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Health, OMNI};
+    use crate::{DeviceModel, Health, OMNI, PREMIUM_6DOF};
     use std::sync::{Arc, Mutex};
 
     #[derive(Default)]
@@ -210,8 +220,11 @@ mod tests {
 
     impl Stage {
         fn new(workspace: Workspace) -> Self {
+            Self::of(&OMNI, workspace)
+        }
+        fn of(model: &DeviceModel, workspace: Workspace) -> Self {
             let scene = Arc::new(Mutex::new(Scene::default()));
-            let puppet = Puppet(Specification::of(&OMNI, ""), scene.clone());
+            let puppet = Puppet(Specification::of(model, ""), scene.clone());
             let hand = OperatedDevice::new(Box::new(puppet), workspace, 1e-3);
             Self { scene, hand }
         }
@@ -271,6 +284,35 @@ mod tests {
         );
         let faults: Vec<_> = stage.hand.events().iter().map(|e| e.fault).collect();
         assert_eq!(faults, [Some(DeviceFault::Unplugged), None]);
+    }
+
+    /// 100 N mm about x at a lever of 50 mm are 2 N in the hand, on a device that has no torque of its own.
+    #[test]
+    fn torque_is_shown_as_a_force_only_where_there_is_no_torque() {
+        let workspace = Workspace {
+            torque_lever: Some(50.0),
+            ..Workspace::at(Pose::identity())
+        };
+        let shown = |model| {
+            let mut stage = Stage::of(model, workspace.clone());
+            stage.settle();
+            let turn = Wrench {
+                force: Vec3::zeros(),
+                torque: Vec3::new(100.0, 0.0, 0.0),
+            };
+            stage.hand.write(&turn).unwrap();
+            stage.scene.lock().unwrap().shown
+        };
+        assert!((shown(&OMNI).force.norm() - 2.0).abs() < 1e-12);
+        assert_eq!(shown(&PREMIUM_6DOF).force, Vec3::zeros());
+        assert_eq!(shown(&PREMIUM_6DOF).torque.x, 100.0);
+    }
+
+    #[test]
+    fn a_share_of_the_wrench_is_displayed() {
+        let mut stage = Stage::new(Workspace::at(Pose::identity()));
+        stage.hand = stage.hand.at_share(0.25);
+        assert_eq!(stage.settle().1, 0.25);
     }
 
     #[test]

@@ -89,8 +89,9 @@ mod tests {
         Workspace {
             scale: 2.0,
             rotation: UnitQuaternion::from_euler_angles(0.3, -1.1, 0.7),
+            handle: UnitQuaternion::from_euler_angles(-0.2, 0.5, 1.9),
             is_mirrored: true,
-            ..Workspace::at(Pose::identity())
+            ..Workspace::at(Pose::rotation(Vec3::new(0.8, 0.1, -0.4)))
         }
     }
 
@@ -116,6 +117,48 @@ mod tests {
         let next = UnitQuaternion::from_scaled_axis(spin * eps) * q;
         let rate = (w.orientation(&next) * w.orientation(&q).inverse()).scaled_axis() / eps;
         assert!((rate - w.turn(&spin)).norm() < 1e-5);
+    }
+
+    /// By hand: x right, y away, z up; a device turned by 90 degrees about z, its x to the world's y.
+    #[test]
+    fn turned_and_mirrored_devices_go_where_they_should() {
+        let quarter = UnitQuaternion::from_euler_angles(0.0, 0.0, 90_f64.to_radians());
+        let turned = Workspace {
+            rotation: quarter,
+            scale: 3.0,
+            ..Workspace::at(Pose::identity())
+        };
+        assert!((turned.vector(&Vec3::x()) - 3.0 * Vec3::y()).norm() < 1e-12);
+        let pitch = UnitQuaternion::from_euler_angles(0.2, 0.0, 0.0);
+        let roll = UnitQuaternion::from_euler_angles(0.0, 0.2, 0.0);
+        assert!(turned.orientation(&pitch).angle_to(&roll) < 1e-12);
+        // What the world pushes along y is felt along the device's x.
+        let push = Wrench {
+            force: Vec3::y(),
+            torque: 5.0 * Vec3::y(),
+        };
+        let felt = turned.wrench(&push, &UnitQuaternion::identity());
+        assert!((felt.force - Vec3::x()).norm() < 1e-12);
+        assert!((felt.torque - 5.0 * Vec3::x()).norm() < 1e-12);
+
+        // In the other hand: right is left, a turn to the right one to the left, nodding stays nodding.
+        let mirrored = Workspace {
+            is_mirrored: true,
+            ..Workspace::at(Pose::identity())
+        };
+        let moved = mirrored.vector(&Vec3::new(1.0, 2.0, 3.0));
+        assert_eq!(moved, Vec3::new(-1.0, 2.0, 3.0));
+        assert!(mirrored.orientation(&pitch).angle_to(&pitch) < 1e-12);
+        assert!(mirrored.orientation(&quarter).angle_to(&quarter.inverse()) < 1e-12);
+        let felt = mirrored.wrench(&push, &UnitQuaternion::identity());
+        assert_eq!((felt.force, felt.torque), (Vec3::y(), -5.0 * Vec3::y()));
+    }
+
+    #[test]
+    fn an_untouched_handle_lies_as_the_start_and_the_offset_say() {
+        let w = skew();
+        let lies = w.orientation(&UnitQuaternion::identity());
+        assert!(lies.angle_to(&(w.start.rotation * w.handle)) < 1e-12);
     }
 
     #[test]

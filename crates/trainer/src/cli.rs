@@ -68,6 +68,12 @@ enum Command {
 pub struct TrainArgs {
     /// The scenario (TOML), or a shipped one: bsso-right, bsso-left; without it, what was trained last
     pub scenario: Option<PathBuf>,
+    /// Looks back at a recorded session
+    #[arg(long, value_name = "SESSION.mcap", conflicts_with_all = ["scenario", "set"])]
+    pub from: Option<PathBuf>,
+    /// Goes on live from this moment of it \[s\], with the hands that led last; it waits there, paused
+    #[arg(long, value_name = "S", requires = "from")]
+    pub at: Option<f64>,
     /// Where session folders are kept
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -97,7 +103,12 @@ pub struct RunArgs {
     #[arg(required_unless_present = "from", conflicts_with = "from")]
     pub scenario: Option<PathBuf>,
     /// Goes on live from a moment of a recorded session, which is recomputed up to there
-    #[arg(long, value_name = "SESSION.mcap", requires = "at", conflicts_with_all = ["seed", "set"])]
+    #[arg(
+        long,
+        value_name = "SESSION.mcap",
+        requires = "at",
+        conflicts_with = "seed"
+    )]
     pub from: Option<PathBuf>,
     /// That moment \[s\]
     #[arg(long, value_name = "S", requires = "from")]
@@ -123,7 +134,8 @@ pub struct RunArgs {
     /// Prints the figures as one JSON object and nothing else
     #[arg(long)]
     pub json: bool,
-    /// Overrides a key of the scenario by a TOML value (repeatable)
+    /// Overrides a key of the scenario by a TOML value (repeatable); with --from only tools' device, workspace and
+    /// allow_network
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<Override>,
 }

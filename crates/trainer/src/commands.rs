@@ -2,7 +2,7 @@
 use crate::cli::{CheckArgs, DemoArgs, Failure, Mode, ReplayArgs, RunArgs};
 use crate::debrief::{Figures, Findings, Score, Subject, page};
 use crate::engine::{self, Engine, EngineUnderway, Prepared};
-use crate::input::{Input, Leader, open_devices};
+use crate::input::{Devices, Input, Leader, narrow, open_devices, shown_less};
 use crate::loops::{self, Control, Sink, lockstep_on, realtime_on};
 use crate::picture::{self, write_pictures};
 use crate::planning::Planning;
@@ -19,7 +19,7 @@ use crate::step_times::StepTimes;
 use crate::talk::{self, Progress};
 use crate::verify::Comparison;
 use anyhow::{Context, Result, anyhow, bail};
-use osteotome_devices::{Binding, LinkedDevice};
+use osteotome_devices::Binding;
 use osteotome_mechanics::geometry::Pose;
 use osteotome_render::Renderer;
 use std::path::{Path, PathBuf};
@@ -32,7 +32,8 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failure> {
     };
     let mut scenario = load(&source, &args.set)?;
     SessionFolder::check(&args.out, &SESSION).map_err(Failure::Input)?;
-    let (devices, notes) = open_devices(&mut scenario).map_err(Failure::Input)?;
+    let (devices, notes) = open_devices(&scenario).map_err(Failure::Input)?;
+    narrow(&mut scenario, &devices);
     notes.iter().for_each(|note| talk::say(note));
     let prepared = prepare(&scenario)?;
     let input = live(&scenario, &prepared, devices)?;
@@ -72,9 +73,6 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     } else {
         [None, None]
     };
-    if let Some(moment) = &from {
-        moment.check_devices(&scenario).map_err(Failure::Input)?;
-    }
     let prepared = match (&from, &args.from) {
         (Some(moment), Some(path)) => prepare_recorded(&moment.recording, path)?,
         _ => prepare(&scenario)?,
@@ -139,7 +137,7 @@ impl History {
 fn given(args: &RunArgs) -> Result<(Scenario, Option<Moment>), Failure> {
     if let (Some(path), Some(at)) = (&args.from, args.at) {
         let moment = Moment::read(path, at).map_err(Failure::Input)?;
-        let mut scenario = moment.scenario().clone();
+        let mut scenario = moment.scenario_with(&args.set).map_err(Failure::Input)?;
         scenario.max_time = args.max_time.unwrap_or(scenario.max_time);
         if scenario.max_time <= moment.time() {
             return Err(Failure::Input(anyhow!(
@@ -173,7 +171,7 @@ fn resumed(
     moment: &Moment,
     scenario: &Scenario,
     prepared: &Prepared,
-    devices: [Option<LinkedDevice>; 2],
+    devices: Devices,
     hands: Option<&[Vec<HandSample>; 2]>,
 ) -> Result<Input, Failure> {
     let before = &moment.recording.hands;
@@ -198,10 +196,7 @@ fn resumed(
 }
 
 /// Physical devices live by the clock.
-fn users_devices(
-    scenario: &mut Scenario,
-    args: &RunArgs,
-) -> Result<[Option<LinkedDevice>; 2], Failure> {
+fn users_devices(scenario: &mut Scenario, args: &RunArgs) -> Result<Devices, Failure> {
     let physical = scenario
         .tool
         .iter()
@@ -215,7 +210,12 @@ fn users_devices(
             tool.device
         )));
     }
-    let (devices, notes) = open_devices(scenario).map_err(Failure::Input)?;
+    let (devices, mut notes) = open_devices(scenario).map_err(Failure::Input)?;
+    if args.from.is_some() {
+        notes.extend(shown_less(scenario, &devices));
+    } else {
+        narrow(scenario, &devices);
+    }
     if !args.json {
         notes.iter().for_each(|note| talk::say(note));
     }
@@ -356,11 +356,7 @@ fn built_in(scenario: &Scenario, prepared: &Prepared) -> Result<Input, Failure> 
     Input::built_in(scenario, prepared.line.clone()).map_err(Failure::Input)
 }
 
-fn live(
-    scenario: &Scenario,
-    prepared: &Prepared,
-    devices: [Option<LinkedDevice>; 2],
-) -> Result<Input, Failure> {
+fn live(scenario: &Scenario, prepared: &Prepared, devices: Devices) -> Result<Input, Failure> {
     Input::live(scenario, prepared.line.clone(), devices).map_err(Failure::Input)
 }
 

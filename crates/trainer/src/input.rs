@@ -1,7 +1,7 @@
 //! Whose hands hold the devices: the built-in surgeon's, a user's, or recorded ones.
 use crate::loops::Subscribed;
 use crate::scenario::{Scenario, Tool, Workspace};
-use crate::session::HandSample;
+use crate::session::{HandSample, on_grid};
 use crate::surgeon::{BuiltInSurgeon, CrackView, Sight, SplitLine};
 use anyhow::{Result, bail};
 use nalgebra::UnitQuaternion;
@@ -123,12 +123,14 @@ impl Guided {
     }
 }
 
-/// Opens the physical devices that a scenario names, and narrows the tools' limits and couplings to what they bear. Says what each is and
-/// what it cannot show.
+/// The device of each hand, where it is not simulated.
+pub type Devices = [Option<LinkedDevice>; 2];
+
+/// Opens the physical devices that a scenario names. Says what each is and what it cannot show.
 ///
 /// # Errors
 /// A device that is not there, by the key that names it.
-pub fn open_devices(scenario: &mut Scenario) -> Result<([Option<LinkedDevice>; 2], Vec<String>)> {
+pub fn open_devices(scenario: &Scenario) -> Result<(Devices, Vec<String>)> {
     let bindings = [0, 1].map(|i| scenario.tool[i].device.clone());
     let allow_network = scenario
         .tool
@@ -141,11 +143,20 @@ pub fn open_devices(scenario: &mut Scenario) -> Result<([Option<LinkedDevice>; 2
     };
     let devices = [0, 1].map(|_| devices.next().flatten());
     let mut notes = Vec::new();
+    for (device, tool) in devices.iter().zip(&scenario.tool) {
+        let Some(device) = device else { continue };
+        let model = &device.specification().model;
+        notes.push(format!("{}: {} ({model})", tool.name, tool.device));
+        notes.extend(cannot_show(device, tool));
+    }
+    Ok((devices, notes))
+}
+
+/// Narrows tools' limits and couplings to what their devices bear.
+pub fn narrow(scenario: &mut Scenario, devices: &Devices) {
     for (device, tool) in devices.iter().zip(&mut scenario.tool) {
         let Some(device) = device else { continue };
         let s = device.specification();
-        notes.push(format!("{}: {} ({})", tool.name, tool.device, s.model));
-        notes.extend(cannot_show(device, tool));
         let narrow = |own: &mut f64, most: f64| {
             if most > 0.0 {
                 *own = own.min(most);
@@ -153,10 +164,48 @@ pub fn open_devices(scenario: &mut Scenario) -> Result<([Option<LinkedDevice>; 2
         };
         narrow(&mut tool.limits.force, s.max_force);
         narrow(&mut tool.limits.torque, s.max_torque);
-        let stiffest = s.nominal_stiffness.unwrap_or(0.0);
-        narrow(&mut tool.coupling.linear_stiffness, stiffest);
+        tool.coupling.linear_stiffness *= share(tool, device);
     }
-    Ok((devices, notes))
+}
+
+/// At which share of its wrench a tool's coupling is felt no stiffer than the device bears.
+fn share(tool: &Tool, device: &LinkedDevice) -> f64 {
+    let felt = tool.coupling.linear_stiffness * tool.workspace.scale;
+    let bears = device.specification().nominal_stiffness;
+    let bears = bears.filter(|b| *b > 0.0);
+    bears.map_or(1.0, |bears| (bears / felt).min(1.0))
+}
+
+/// What devices show less of than a scenario asks for whose limits and couplings must stay: those that a recorded session was made
+/// with. Loads beyond a device's are cut by its driver; what a stiffer coupling gives is shown at a share.
+pub fn shown_less(scenario: &Scenario, devices: &Devices) -> Vec<String> {
+    let less = |(device, tool): (&Option<LinkedDevice>, &Tool)| {
+        let device = device.as_ref()?;
+        let s = device.specification();
+        let mut what = Vec::new();
+        for (name, most, asked, unit) in [
+            ("forces", s.max_force, tool.limits.force, "N"),
+            ("torques", s.max_torque, tool.limits.torque, "N mm"),
+        ] {
+            if most > 0.0 && most < asked {
+                what.push(format!("{name} above {most} {unit} are cut"));
+            }
+        }
+        let share = share(tool, device);
+        if share < 1.0 {
+            what.push(format!("all is shown at {:.0} %", 100.0 * share));
+        }
+        let what = (!what.is_empty()).then(|| what.join(", "))?;
+        Some(format!(
+            "{}: the recording was made for a stronger device; {what}.",
+            tool.name
+        ))
+    };
+    devices
+        .iter()
+        .zip(&scenario.tool)
+        .filter_map(less)
+        .collect()
 }
 
 fn cannot_show(device: &LinkedDevice, tool: &Tool) -> Option<String> {
@@ -194,11 +243,7 @@ impl Input {
     ///
     /// # Errors
     /// A hand with parameters out of range (checked with the scenario already).
-    pub fn live(
-        scenario: &Scenario,
-        line: SplitLine,
-        devices: [Option<LinkedDevice>; 2],
-    ) -> Result<Self> {
+    pub fn live(scenario: &Scenario, line: SplitLine, devices: Devices) -> Result<Self> {
         let leader =
             |d: Option<LinkedDevice>| d.map_or(Leader::Surgeon, |d| Leader::Device(Box::new(d)));
         Self::led(scenario, line, devices.map(leader))
@@ -385,7 +430,9 @@ impl Resumed {
         for (i, hand) in live.hands.iter_mut().enumerate() {
             refused += u32::from(self.recorded[i].write(&wrenches[i]).is_err());
             if let Hand::Simulated(hand) = hand {
-                self.is_own[i] &= hand.read().pose == self.recorded[i].pose();
+                let (pose, recorded) = (hand.read().pose, self.recorded[i].pose());
+                // Recordings made before there was a grid are off it.
+                self.is_own[i] &= [pose, on_grid(&pose)].contains(&recorded);
                 // What it refuses has been counted.
                 let _ = hand.write(&wrenches[i]);
             }
@@ -436,8 +483,9 @@ impl Live {
                 Leader::Surgeon => Hand::Simulated(simulated(start[i])?),
                 Leader::Device(device) => {
                     let workspace = workspace(&tool.workspace, places[i]);
+                    let share = share(tool, &device);
                     let operated = OperatedDevice::new(device, workspace, dt);
-                    Hand::Operated(operated)
+                    Hand::Operated(operated.at_share(share))
                 }
                 Leader::Guide(told) => Hand::Guided(Guided {
                     hand: simulated(places[i])?,
@@ -499,9 +547,13 @@ impl Live {
             }
         }
         let is_paused = self.is_paused;
-        self.hands.each_mut().map(|hand| match hand {
-            Hand::Simulated(hand) | Hand::Guided(Guided { hand, .. }) => hand.read(),
-            Hand::Operated(device) => device.follow(is_paused),
+        self.hands.each_mut().map(|hand| {
+            let reading = match hand {
+                Hand::Simulated(hand) | Hand::Guided(Guided { hand, .. }) => hand.read(),
+                Hand::Operated(device) => device.follow(is_paused),
+            };
+            let pose = on_grid(&reading.pose);
+            Reading { pose, ..reading }
         })
     }
 
@@ -736,17 +788,24 @@ mod tests {
 
     #[test]
     fn only_what_is_not_simulated_is_opened_and_limits_are_narrowed() {
-        let mut plain = scenario("seed=1");
-        let (devices, notes) = open_devices(&mut plain).unwrap();
+        let plain = scenario("seed=1");
+        let (devices, notes) = open_devices(&plain).unwrap();
         assert!(devices.iter().all(Option::is_none) && notes.is_empty());
         let mut remote = scenario("tool.0.device=\"remote:0\"");
         remote.tool[0].limits.force = 100.0;
-        let (devices, notes) = open_devices(&mut remote).unwrap();
+        let (devices, notes) = open_devices(&remote).unwrap();
         assert!(devices[0].is_some() && devices[1].is_none());
+        let less = shown_less(&remote, &devices);
+        assert!(
+            less.len() == 1 && less[0].contains("forces above 8.5 N are cut."),
+            "{less:?}"
+        );
+        narrow(&mut remote, &devices);
         assert_eq!(remote.tool[0].limits.force, 8.5);
+        assert!(shown_less(&remote, &devices).is_empty());
         assert!(notes[0].contains("left: remote:127.0.0.1:0"), "{notes:?}");
-        let mut open = scenario("tool.0.device=\"remote:0.0.0.0:0\"");
-        let refusal = open_devices(&mut open).err().unwrap().to_string();
+        let open = scenario("tool.0.device=\"remote:0.0.0.0:0\"");
+        let refusal = open_devices(&open).err().unwrap().to_string();
         assert!(refusal.contains("allow_network"), "{refusal}");
     }
 }

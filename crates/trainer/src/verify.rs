@@ -2,7 +2,7 @@
 use crate::loops::Sink;
 use crate::retry::Schedule;
 use crate::session::{
-    GrowthSample, HandSample, HapticSample, Loop, MainSample, Pace, Recording, StepTime,
+    Digest, GrowthSample, HandSample, HapticSample, Loop, MainSample, Pace, Recording, StepTime,
 };
 use anyhow::Result;
 
@@ -12,6 +12,8 @@ pub struct Comparison<'a> {
     /// Tool position \[mm\], tool rotation \[rad\], force \[N\], torque \[N mm\] at the device.
     worst: [f64; 4],
     steps: usize,
+    digest: Digest,
+    digests: usize,
     main: usize,
     growth: usize,
     different: Vec<String>,
@@ -25,6 +27,8 @@ impl<'a> Comparison<'a> {
             recording,
             worst: [0.0; 4],
             steps: 0,
+            digest: Digest::default(),
+            digests: 0,
             main: 0,
             growth: 0,
             different: vec![],
@@ -98,7 +102,16 @@ impl<'a> Comparison<'a> {
     }
 }
 
+/// Tools and wrenches are recorded rounded, in older recordings to the last bit.
 fn deviation(now: &HandSample, before: &HandSample) -> [f64; 4] {
+    let exact = difference(now, before);
+    if exact == [0.0; 4] {
+        return exact;
+    }
+    difference(&now.rounded(), before)
+}
+
+fn difference(now: &HandSample, before: &HandSample) -> [f64; 4] {
     let distance = (now.tool_pose.translation.vector - before.tool_pose.translation.vector).norm();
     let same_rotation = now.tool_pose.rotation.coords == before.tool_pose.rotation.coords;
     // The angle between equal quaternions comes out as 1e-8 by rounding.
@@ -129,6 +142,15 @@ impl Sink for Comparison<'_> {
             }
         }
         self.steps += 1;
+        self.digest.take(sample);
+        if let Some(before) = self.recording.digests.get(self.digests)
+            && before.steps == self.digest.steps
+        {
+            self.digests += 1;
+            if *before != self.digest {
+                self.differs(format!("digest of the first {} haptic steps", self.steps));
+            }
+        }
         Ok(())
     }
 
@@ -168,4 +190,58 @@ impl Sink for Comparison<'_> {
     }
 
     fn pace(&mut self, _: Loop, _: Pace) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::{BSSO_RIGHT, Source, load};
+    use crate::session::{RecordingWriter, ScenarioMessage, tests::hand};
+    use std::path::Path;
+
+    fn sample(step: u64, off: f64) -> HapticSample {
+        let mut hands = [hand(step as f64 / 7.0), hand(0.4)];
+        hands[0].tool_pose.translation.vector.x += off;
+        let time = step as f64 * 1e-3;
+        HapticSample { step, time, hands }
+    }
+
+    /// Recorded numbers are rounded; the digest is of what they were.
+    #[test]
+    fn a_replay_that_is_off_by_less_than_is_recorded_is_not_exact() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("session.mcap");
+        let source = Source::Text {
+            name: "test".into(),
+            text: BSSO_RIGHT.into(),
+        };
+        let first = ScenarioMessage {
+            scenario: load(&source, &[], Path::new("/")).unwrap(),
+            patient_digest: String::new(),
+            mode: "lockstep".into(),
+            start: None,
+            retried: None,
+        };
+        let mut writer = RecordingWriter::create(&path, &first).unwrap();
+        (0..100).for_each(|k| writer.haptic(&sample(k, 0.0)).unwrap());
+        writer.finish().unwrap();
+        let recording = Recording::read(&path).unwrap();
+        let schedule = Schedule::of(&recording);
+        let compared = |off: f64| {
+            let mut comparison = Comparison::new(&recording, &schedule);
+            for k in 0..100 {
+                let off = if k == 40 { off } else { 0.0 };
+                comparison.haptic(&sample(k, off)).unwrap();
+            }
+            (comparison.is_exact(), comparison.report())
+        };
+        assert!(compared(0.0).0);
+        let (is_exact, told) = compared(1e-12);
+        assert!(
+            !is_exact && told.contains("digest of the first 100"),
+            "{told}"
+        );
+        let (is_exact, told) = compared(1e-3);
+        assert!(!is_exact && !told.contains("tool 0e0 mm"), "{told}");
+    }
 }

@@ -13,7 +13,12 @@ fn osteotome(folder: &Path, found: &[(&str, &Path)], args: &[&str]) -> Output {
     let nowhere = folder.join("nowhere");
     let mut command = Command::new(env!("CARGO_BIN_EXE_osteotome"));
     command.current_dir(folder).args(args);
-    for variable in ["OSTEOTOME_LIBHD", "OSTEOTOME_LIBDHD", "SPNAV_SOCKET"] {
+    for variable in [
+        "OSTEOTOME_LIBHD",
+        "OSTEOTOME_LIBDHD",
+        "SPNAV_SOCKET",
+        "OSTEOTOME_INPUT",
+    ] {
         command.env(variable, &nowhere);
     }
     // Port 1 of the loopback: nobody is there.
@@ -49,7 +54,7 @@ fn what_is_missing_is_said_with_where_it_was_sought() {
         "OSTEOTOME_LIBDHD",
         "ws://127.0.0.1:1",
         "SPNAV_SOCKET",
-        "nowhere",
+        "nowhere/js*",
     ] {
         assert!(told.contains(part), "'{part}' is not in:\n{told}");
     }
@@ -57,8 +62,14 @@ fn what_is_missing_is_said_with_where_it_was_sought() {
     assert_eq!(names(&report["devices"], "device"), ["simulated"]);
     let missing = names(&report["missing"], "driver");
     assert_eq!(
-        missing[..4],
-        ["openhaptics", "forcedimension", "haply", "spacenav"]
+        missing,
+        [
+            "openhaptics",
+            "forcedimension",
+            "haply",
+            "spacenav",
+            "gamepad"
+        ]
     );
 }
 
@@ -154,6 +165,133 @@ fn devices_that_cannot_be_had_are_refused_in_one_line() {
         &["devices", "--seconds", "0"],
         &["--seconds 0"],
     );
+}
+
+#[test]
+fn what_a_device_cannot_show_is_said_before_the_session() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let hd = build("libHD", folder.path());
+    let found = [("OSTEOTOME_LIBHD", hd.as_path())];
+    let told = |serial: &str, lever: &str| {
+        let device = format!("tool.0.device=\"openhaptics:{serial}\"");
+        let mut args = vec![
+            "run",
+            SCENARIO,
+            "--out",
+            "out",
+            "--mode",
+            "realtime",
+            "--max-time",
+            "0.2",
+        ];
+        for set in ["mesh.nodes=300", "mesh.shell_points=6000", &device, lever] {
+            args.extend(["--set", set]);
+        }
+        let output = osteotome(folder.path(), &found, &args);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let [plain, levered] = [
+        "tool.0.workspace.scale=1",
+        "tool.0.workspace.torque_lever=50",
+    ];
+    assert!(told("SN-1001", plain).contains("left: this device shows no torque"));
+    assert!(told("SN-1001", levered).contains("twist about the shaft cannot be felt"));
+    assert!(!told("SN-2002", plain).contains("this device shows"));
+}
+
+/// There and back along the vendor's x at 10 mm/s, for a minute.
+fn to_and_fro() -> Vec<u8> {
+    let x = |tick: i32| {
+        let phase = tick % 4000;
+        f64::from(if phase < 2000 { phase } else { 4000 - phase }) * 0.01
+    };
+    let poses = (0..60_000).map(|tick| Isometry3::translation(x(tick), 0.0, 0.0));
+    transforms(&poses.collect::<Vec<_>>(), &Matrix3::identity())
+}
+
+/// A session in lockstep, gone on from in its midst by two devices: up to there it is the session that it was, then the hands go
+/// with the devices from where they were, and the whole repeats.
+#[test]
+fn a_recording_is_gone_on_from_with_devices() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let library = build("libHD", folder);
+    let script = folder.join("hands.bin");
+    std::fs::write(&script, to_and_fro()).expect("written");
+    let found = [
+        ("OSTEOTOME_LIBHD", library.as_path()),
+        ("STANDIN_POSES_0", &script),
+        ("STANDIN_POSES_1", &script),
+        ("STANDIN_GO", Path::new("again.partial")),
+    ];
+    let run = |args: &[&str]| {
+        let output = osteotome(folder, &found, args);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    run(&[
+        "run",
+        SCENARIO,
+        "--out",
+        "first",
+        "--max-time",
+        "0.8",
+        "--set",
+        "mesh.nodes=300",
+        "--set",
+        "mesh.shell_points=6000",
+    ]);
+    let [left, right] = [0, 1].map(|i| {
+        let serial = ["SN-1001", "SN-2002"][i];
+        format!("tool.{i}.device=\"openhaptics:{serial}\"")
+    });
+    let from = [
+        "run",
+        "--from",
+        "first/session.mcap",
+        "--at",
+        "0.6",
+        "--out",
+        "again",
+    ];
+    let live = [
+        "--mode",
+        "realtime",
+        "--max-time",
+        "2.6",
+        "--set",
+        &left,
+        "--set",
+        &right,
+    ];
+    let told = run(&[&from[..], &live[..]].concat());
+    assert!(told.contains("right: openhaptics:SN-2002"), "{told}");
+    let read = |name: &str| {
+        let path = folder.join(name).join("session.mcap");
+        osteotome::session::Recording::read(&path).expect("a recording")
+    };
+    let [first, again] = ["first", "again"].map(read);
+    for i in 0..2 {
+        let before = format!("{:?}", &first.hands[i][..600]);
+        assert_eq!(before, format!("{:?}", &again.hands[i][..600]));
+        let live = again.hands[i][599..].windows(2);
+        let steps = live.map(|h| {
+            let places = [&h[0], &h[1]].map(|h| h.device_pose.translation.vector);
+            (places[1] - places[0]).norm()
+        });
+        let steps: Vec<f64> = steps.collect();
+        // A driver that comes late, by 20 ms at most, makes up for it at once.
+        assert!(steps.iter().all(|s| *s < 0.5), "hand {i} leaps");
+        assert!(steps.iter().sum::<f64>() > 1.0, "hand {i} does not move");
+    }
+    let told = run(&["replay", "again/session.mcap", "--verify"]);
+    assert!(told.contains("Identical to the last bit"), "{told}");
+
+    // What would have to hold from the beginning on cannot be set.
+    let set = ["--set", "mesh.nodes=400"];
+    let args = [&from[..], &set[..]].concat();
+    refused(&[], folder, &args, &["mesh.nodes", "recorded scenario"]);
 }
 
 // Whole splits, in real time and on the shipped bone: the poses of a session that the built-in surgeon has led are led once

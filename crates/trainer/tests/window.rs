@@ -113,6 +113,12 @@ impl Stage {
 
     /// Screenshots go into the folder, sessions into `sessions` in it.
     fn rehearse(&self, script: &str) -> Output {
+        let sets = ["--set", "mesh.nodes=300", "--set", "mesh.shell_points=6000"];
+        self.rehearse_on(&sets, script)
+    }
+
+    /// Likewise, with what the window is opened on.
+    fn rehearse_on(&self, what: &[&str], script: &str) -> Output {
         let shot = |line: &str| match line.trim().strip_prefix("shot ") {
             Some(name) => format!("shot {}\n", self.path(name).display()),
             None => format!("{line}\n"),
@@ -120,13 +126,7 @@ impl Stage {
         let script: String = script.lines().map(shot).collect();
         std::fs::write(self.path("script"), script).unwrap();
         let mut command = osteotome();
-        command.args([
-            "train",
-            "--set",
-            "mesh.nodes=300",
-            "--set",
-            "mesh.shell_points=6000",
-        ]);
+        command.arg("train").args(what);
         command.arg("--rehearse").arg(self.path("script"));
         command.arg("--out").arg(self.path("sessions"));
         command
@@ -381,6 +381,47 @@ fn a_session_is_looked_back_at_gone_on_from_and_remembered() {
     for session in ["0001-bsso-right-side", "0002-bsso-right-side"] {
         assert!(shown.contains(session), "{shown}");
     }
+}
+
+/// Opened on a moment of a recording, the window waits there, goes on when told to, and ends with the recording's time.
+#[test]
+fn a_recording_named_on_the_command_line_is_gone_on_from() {
+    let Some(stage) = Stage::open("") else { return };
+    let mut run = osteotome();
+    let scenario = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../scenarios/bsso_right.toml"
+    );
+    run.args(["run", scenario, "--out", "first", "--max-time", "0.5"]);
+    run.args(["--set", "mesh.nodes=300", "--set", "mesh.shell_points=6000"]);
+    let ran = run.current_dir(stage.folder.path()).output().unwrap();
+    assert!(ran.status.success());
+    let first = stage.path("first/session.mcap");
+    let first = first.to_str().unwrap();
+    stage.rehearse_on(&["--from", first], "wait Re-try from here\nquit");
+    stage.rehearse_on(
+        &["--from", first, "--at", "0.3"],
+        "wait Paused
+         click Go on
+         wait Look at the bone
+         quit",
+    );
+    let again = std::fs::read_dir(stage.path("sessions")).unwrap();
+    let again = again.map(|f| f.unwrap().path().join("session.mcap"));
+    let [again]: [PathBuf; 1] = again.collect::<Vec<_>>().try_into().unwrap();
+    let again = osteotome::session::Recording::read(&again).unwrap();
+    assert_eq!(again.scenario.retried.unwrap().steps, 300);
+    assert_eq!(again.hands[0].len(), 500, "it went on");
+
+    let mut late = osteotome();
+    late.args(["train", "--from", first, "--at", "9"]);
+    let late = late.output().unwrap();
+    assert_eq!(late.status.code(), Some(2));
+    let told = String::from_utf8_lossy(&late.stderr);
+    assert!(
+        told.contains("session.mcap") && told.contains("no moment at 9"),
+        "{told}"
+    );
 }
 
 /// The planner: techniques, the other side, a point dragged, and a scenario saved that the window goes over to.

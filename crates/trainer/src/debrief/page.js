@@ -28,6 +28,7 @@ function jump(t, text) {
   return b;
 }
 
+const lower = (text) => text.charAt(0).toLowerCase() + text.slice(1);
 function headline() {
   $("title").textContent = D.title;
   const { points, of } = D.score, share = of > 0 ? points / of : 0;
@@ -45,7 +46,7 @@ function headline() {
   const lost = D.score.lines.filter((l) => l.points !== null && l.of - l.points >= 0.5).sort((a, b) => b.of - b.points - a.of + a.points);
   if (lost.length) {
     const l = lost[0];
-    $("lost").append(`Most points lost: ${l.what.split(":")[0].toLowerCase()}, found ${l.found.replace(/\.$/, "")}. `);
+    $("lost").append(`Most points lost, ${(l.of - l.points).toFixed(1).replace(/\.0$/, "")} of ${l.of}: ${lower(l.what.split(":")[0])}: ${l.found.replace(/\.$/, "")}. `);
     if (l.lost_at_s !== null) $("lost").append(jump(l.lost_at_s));
   } else $("lost").textContent = "No points were lost.";
 }
@@ -55,19 +56,25 @@ function step(most, n) {
   const rough = most / n, ten = Math.pow(10, Math.floor(Math.log10(rough)));
   return ten * [1, 2, 5, 10].find((k) => k * ten >= rough);
 }
+// Three digits, as people write them.
+const short = (v) => Math.abs(v) >= 100 ? v.toFixed(0) : +v.toPrecision(3) + "";
 // As wide as the page at first, so that letters keep their size on a phone.
 const W = Math.min(Math.max($("main").clientWidth, 340), 1024), LEFT = 52, RIGHT = 8;
 const xOf = (t) => LEFT + (t / D.seconds) * (W - LEFT - RIGHT);
 
+// `wanted`: the rate asked for; such a plot goes in powers of ten, so that what falls short of it is seen beside what is far above.
 function plot(id, lines, unit, label, wanted) {
   const H = 206, top = 12, bottom = 160;
   let most = wanted || 0;
   for (const l of lines) for (const v of l.values) if (v > most && isFinite(v)) most = v;
   if (!(most > 0)) most = 1;
-  const dy = step(most, 4), high = Math.ceil(most / dy - 1e-9) * dy;
-  const y = (v) => bottom - (Math.min(v, high) / high) * (bottom - top);
+  const dy = step(most, 4), high = wanted ? Math.pow(10, Math.ceil(Math.log10(most) - 1e-9)) : Math.ceil(most / dy - 1e-9) * dy;
+  const low = wanted ? Math.min(10, high / 10) : 0, share = (v) => wanted ? Math.log(v / low) / Math.log(high / low) : v / high;
+  const y = (v) => bottom - share(Math.min(Math.max(v, low), high)) * (bottom - top);
+  const ticks = [];
+  for (let v = low; v <= high * (1 + 1e-9); v = wanted ? 10 * v : v + dy) ticks.push(v);
   const s = svg($(id), W, H, label);
-  for (let v = 0; v <= high + 1e-9; v += dy) {
+  for (const v of ticks) {
     draw(s, "line", { x1: LEFT, x2: W - RIGHT, y1: y(v), y2: y(v), stroke: "var(--line)" });
     draw(s, "text", { x: LEFT - 8, y: y(v) + 4, "text-anchor": "end" }, +v.toPrecision(6));
   }
@@ -84,14 +91,14 @@ function plot(id, lines, unit, label, wanted) {
     draw(s, "path", { d, fill: "none", stroke: l.color, "stroke-width": 1.6, "stroke-dasharray": l.dash || "none", "stroke-linejoin": "round" });
   });
   const mark = draw(s, "line", { y1: top - 6, y2: bottom, stroke: "var(--now)", "stroke-width": 2, class: "now" });
-  const value = draw(s, "text", { y: H - 2, style: "fill:var(--ink)" });
+  const value = draw(s, "text", { y: H - 2, "text-anchor": "middle" });
+  const parts = lines.map((l, i) => { if (i) draw(value, "tspan", {}, ", "); return draw(value, "tspan", { style: `fill:${l.color};font-weight:600` }); });
   const near = (l, t) => { let i = 0, n = l.values.length - 1, k = n; while (i < k) { const m = (i + k + 1) >> 1; if (l.time(m) <= t) i = m; else k = m - 1; } return l.values[i]; };
   listeners.push((t) => {
     const x = xOf(t);
     mark.setAttribute("x1", x); mark.setAttribute("x2", x);
     value.setAttribute("x", Math.min(Math.max(x, 110), W - 110));
-    value.setAttribute("text-anchor", "middle");
-    value.textContent = lines.map((l) => `${l.name} ${(near(l, t) || 0).toPrecision(3)} ${unit}`).join(", ");
+    lines.forEach((l, i) => { parts[i].textContent = `${l.name} ${short(near(l, t) || 0)} ${unit}`; });
   });
   const seek = (e) => { const r = s.getBoundingClientRect(); setTime((((e.clientX - r.left) / r.width) * W - LEFT) / (W - LEFT - RIGHT) * D.seconds); };
   s.addEventListener("pointerdown", (e) => { s.setPointerCapture(e.pointerId); seek(e); });
@@ -150,6 +157,9 @@ function rubric() {
     const where = make("td", undefined, "screen");
     if (lost && l.lost_at_s !== null) where.append(jump(l.lost_at_s));
     r.append(th, make("td", l.points === null ? "not known: " + l.found : l.found), make("td", l.points === null ? "\u2013 / " + l.of : `${+l.points.toFixed(1)} / ${l.of}`, "number"), where);
+    // A phone shows a row in two lines; it stays a table to who hears it.
+    r.setAttribute("role", "row");
+    for (const cell of r.children) cell.setAttribute("role", cell === th ? "rowheader" : "cell");
     $("rubric").tBodies[0].append(r);
   }
 }
@@ -172,17 +182,22 @@ function figures() {
   for (const [i, text] of ["Measure", "This session"].concat(ref ? ["Reference", "Difference"] : []).entries()) { const th = make("th", text, i ? "number" : ""); th.scope = "col"; head.append(th); }
   $("figures").tHead.append(head);
   $("compared").textContent = ref ? `Compared with ${ref.name}.` : "No reference session was given; osteotome report takes one with --reference.";
-  const show = (f, v) => v === null ? "\u2013" : `${v.toFixed(f.decimals)} ${f.unit}`;
-  D.figures.rows.forEach((f, i) => {
-    const r = make("tr"), th = make("th", f.what);
+  const value = (row, k) => (k ? ref.rows : D.figures.rows)[row].value;
+  const difference = (i) => { const [own, other] = [value(i, 0), value(i, 1)]; return own === null || other === null ? "" : (own >= other ? "+" : "\u2212") + Math.abs(own - other).toFixed(D.figures.rows[i].decimals); };
+  const rows = D.figures.rows, is = (hand, f) => f.what.startsWith(hand + ": ");
+  rows.forEach((f, i) => {
+    // Both hands in one row.
+    if (is("Right", f)) return;
+    const other = is("Left", f) ? rows.findIndex((g) => is("Right", g) && g.what.slice(7) === f.what.slice(6)) : -1;
+    const both = other < 0 ? [i] : [i, other], of = (text) => both.map(text).join(" / ");
+    const what = other < 0 ? f.what : f.what.charAt(6).toUpperCase() + f.what.slice(7) + ", left / right";
+    const unknown = both.find((k) => value(k, 0) === null);
+    const all = (k) => of((j) => value(j, k) === null ? "\u2013" : value(j, k).toFixed(f.decimals)) + " " + f.unit;
+    const r = make("tr"), th = make("th", what);
     th.scope = "row";
-    const own = make("td", f.value === null ? "not known: " + f.why_not : show(f, f.value), f.value === null ? "" : "number");
-    r.append(th, own);
-    if (f.value === null) r.className = "unknown";
-    if (ref) {
-      const other = ref.rows[i].value, both = f.value !== null && other !== null;
-      r.append(make("td", show(f, other), "number"), make("td", both ? (f.value >= other ? "+" : "\u2212") + Math.abs(f.value - other).toFixed(f.decimals) : "", "number"));
-    }
+    r.append(th, unknown === undefined ? make("td", all(0), "number") : make("td", "not known: " + rows[unknown].why_not));
+    if (unknown !== undefined) r.className = "unknown";
+    if (ref) r.append(make("td", all(1), "number"), make("td", of(difference), "number"));
     $("figures").tBodies[0].append(r);
   });
 }

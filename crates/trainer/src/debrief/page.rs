@@ -8,6 +8,7 @@ use super::score::Score;
 use super::shapes::Shapes;
 use crate::engine::Prepared;
 use crate::picture::{Stage, shots};
+use crate::retry::Schedule;
 use crate::session::{Loop, Recording};
 use anyhow::Result;
 use osteotome_render::Renderer;
@@ -411,6 +412,9 @@ fn notes(s: &Subject) -> Vec<String> {
     if s.findings.nerve.as_ref().is_ok_and(|n| !n.is_constructed) {
         notes.push("The canal comes from a file of this patient.".to_owned());
     }
+    if s.findings.nerve.as_ref().is_ok_and(|n| n.is_constructed) {
+        notes.push("The constructed canal begins just behind where a split as planned leaves the bone, so that such a split crosses it there: figures of the nerve tell more in comparison than by themselves.".to_owned());
+    }
     for (tool, hand) in scenario.tool.iter().zip(&s.findings.hands) {
         notes.push(format!(
             "{} hand: device {}, at most {} N and {} N mm; it showed 1/{:.0} of the force and 1/{:.0} of the torque on the bone, and was at its limit for {:.2} s.",
@@ -425,7 +429,10 @@ fn notes(s: &Subject) -> Vec<String> {
     }
     notes.push(match s.recording.scenario.mode.as_str() {
         "lockstep" => "Recorded in lockstep: no clock; it can be recomputed to the last bit.".to_owned(),
-        mode => format!("Recorded in {mode}: a recomputation in lockstep agrees only within the tolerance that osteotome replay --verify states."),
+        _ => match Schedule::of(s.recording).why_unknown() {
+            None => "Recorded against the clock; what its steps read of each other is recorded too, so that it can be recomputed to the last bit.".to_owned(),
+            Some(why) => format!("Recorded against the clock; it cannot be recomputed to the last bit: {why}."),
+        },
     });
     notes.push("No human splitting load has been published: forces and torques on the bone are the model's.".to_owned());
     notes.push("The thresholds of the rubric are assumptions of the scenario. They have not been validated against surgeons' outcomes.".to_owned());

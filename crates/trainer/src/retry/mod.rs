@@ -10,9 +10,9 @@ mod tests;
 pub use recompute::{Recomputing, recompute};
 pub use schedule::Schedule;
 
-use crate::scenario::{Scenario, Tool};
+use crate::scenario::{Override, Scenario, Source, load};
 use crate::session::{Origin, Recording};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use sha2::{Digest, Sha256};
 use std::path::Path;
 use std::sync::Arc;
@@ -93,23 +93,35 @@ impl Moment {
         [0, 1].map(|i| self.recording.hands[i][last].device_pose)
     }
 
-    /// What a device cannot bear of that with which the recording was made. Its limits would have to hold from the beginning on.
+    /// The scenario to go on in: the recorded one, each hand on the device that `overrides` name, if they do.
     ///
     /// # Errors
-    /// One line, if there is any.
-    pub fn check_devices(&self, narrowed: &Scenario) -> Result<()> {
-        for (now, before) in narrowed.tool.iter().zip(&self.scenario().tool) {
-            let figures = |t: &Tool| [t.limits.force, t.limits.torque, t.coupling.linear_stiffness];
-            if figures(now) != figures(before) {
-                let [force, torque, stiffness] = figures(before);
-                bail!(
-                    "{} ({}) cannot show what the recording was made with ({force} N, {torque} N mm, {stiffness} N/mm); let the surgeon or the mouse lead this hand",
-                    now.device,
-                    now.name
-                );
-            }
+    /// An override of anything else, which would have to hold from the beginning on; or one that is wrong in itself.
+    pub fn scenario_with(&self, overrides: &[Override]) -> Result<Scenario> {
+        const OF_HANDS: [&str; 3] = ["device", "workspace", "allow_network"];
+        for o in overrides {
+            let of_hands = match o.path.as_slice() {
+                [section, _, key, ..] => section == "tool" && OF_HANDS.contains(&key.as_str()),
+                _ => false,
+            };
+            ensure!(
+                of_hands,
+                "--set {}: the recorded scenario holds; only device, workspace and allow_network of a tool can be set, e.g. --set tool.0.device='\"haply\"'",
+                o.key()
+            );
         }
-        Ok(())
+        let mut scenario = self.scenario().clone();
+        let source = Source::Text {
+            name: "the recorded scenario".to_owned(),
+            text: toml::to_string(&scenario)?,
+        };
+        let wanted = load(&source, overrides, Path::new("/"))?;
+        for (tool, wanted) in scenario.tool.iter_mut().zip(wanted.tool) {
+            tool.device = wanted.device;
+            tool.workspace = wanted.workspace;
+            tool.allow_network = wanted.allow_network;
+        }
+        Ok(scenario)
     }
 
     /// As the new recording names it.

@@ -12,8 +12,8 @@ pub use mcap_file::{Origin, Recording, RecordingWriter, ScenarioMessage};
 pub use metrics::{LoopFigures, Metrics, MetricsDocument, Outcome, Pace};
 pub use recorder::Recorder;
 pub use sample::{
-    BoneSample, Exchange, FrontPoint, GrowthSample, HandSample, HapticSample, Loop, MainSample,
-    Seen, StepTime, Wire,
+    BoneSample, Digest, Exchange, FrontPoint, GrowthSample, HandSample, HapticSample, Loop,
+    MainSample, Seen, StepTime, Wire, on_grid,
 };
 
 #[cfg(test)]

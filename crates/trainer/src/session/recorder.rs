@@ -1,7 +1,7 @@
 use super::mcap_file::{RecordingWriter, ScenarioMessage};
 use super::metrics::{Metrics, Pace};
 use super::sample::{
-    BoneSample, Exchange, GrowthSample, HapticSample, Loop, MainSample, Seen, StepTime,
+    BoneSample, Exchange, GrowthSample, HandSample, HapticSample, Loop, MainSample, Seen, StepTime,
 };
 use anyhow::Result;
 use std::path::Path;
@@ -46,7 +46,9 @@ impl Recorder {
 
 impl crate::loops::Sink for Recorder {
     fn haptic(&mut self, sample: &HapticSample) -> Result<()> {
-        self.metrics.haptic(sample);
+        // Figures are those of the recording.
+        let hands = sample.hands.each_ref().map(HandSample::rounded);
+        self.metrics.haptic(&HapticSample { hands, ..*sample });
         self.writer.haptic(sample)
     }
 

@@ -30,6 +30,88 @@ pub struct HapticSample {
     pub hands: [HandSample; 2],
 }
 
+impl HandSample {
+    /// As it is recorded: tool and wrench to digits that are far below what anybody or anything feels or measures (1e-6 mm, 1e-8,
+    /// 1e-5 N, 1e-4 N mm). The device's pose, from which a session is recomputed, is kept to the last bit.
+    #[must_use]
+    pub fn rounded(&self) -> Self {
+        Self {
+            tool_pose: rounded(&self.tool_pose, [1e6, 1e8]),
+            wrench: Wrench {
+                force: self.wrench.force.map(|v| nearest(v, 1e5)),
+                torque: self.wrench.torque.map(|v| nearest(v, 1e4)),
+            },
+            ..*self
+        }
+    }
+
+    fn bits(&self) -> impl Iterator<Item = u64> {
+        let (tool, wrench) = (self.tool_pose, self.wrench);
+        let numbers = [tool.translation.vector, wrench.force, wrench.torque];
+        let numbers = numbers.map(<[f64; 3]>::from).into_iter().flatten();
+        let turn: [f64; 4] = tool.rotation.coords.into();
+        numbers.chain(turn).map(f64::to_bits)
+    }
+}
+
+/// To the nearest multiple of 1 / `steps`, which has few digits in decimals.
+fn nearest(value: f64, steps: f64) -> f64 {
+    (value * steps).round() / steps
+}
+
+/// A pose with so many steps a mm and in one. Its quaternion is off the unit length by some 1e-9, which no step of the mechanics
+/// notices.
+fn rounded(pose: &Pose, [mm, one]: [f64; 2]) -> Pose {
+    let turn = pose.rotation.coords.map(|v| nearest(v, one));
+    let turn = nalgebra::UnitQuaternion::new_unchecked(turn.into());
+    let place = pose.translation.vector.map(|v| nearest(v, mm));
+    Pose::from_parts(place.into(), turn)
+}
+
+/// A live hand's pose as the session takes it in: to 1e-6 mm and 1e-9, some ten thousand times finer than any device resolves. So
+/// that a recording keeps it to the last bit in few digits.
+pub fn on_grid(pose: &Pose) -> Pose {
+    rounded(pose, [1e6, 1e9])
+}
+
+/// A number that follows from every bit of tools and wrenches of all haptic steps so far: sessions that agree in it agree in those,
+/// but for a chance of 1 in 1e19. So a recording of rounded numbers still tells whether a replay is exact.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Digest {
+    /// Haptic steps so far.
+    pub steps: u64,
+    bits: u64,
+}
+
+impl Default for Digest {
+    fn default() -> Self {
+        Self {
+            steps: 0,
+            bits: 0xcbf2_9ce4_8422_2325,
+        }
+    }
+}
+
+impl Digest {
+    /// One step more.
+    pub fn take(&mut self, sample: &HapticSample) {
+        self.steps += 1;
+        for word in sample.hands.iter().flat_map(HandSample::bits) {
+            self.bits = (self.bits ^ word).wrapping_mul(0x0000_0100_0000_01b3);
+            // A multiplication alone carries nothing downwards: two changed signs would cancel each other.
+            self.bits ^= self.bits >> 32;
+        }
+    }
+}
+
+/// A digest as it is written.
+#[derive(Serialize, Deserialize)]
+pub struct DigestForm {
+    steps: u64,
+    /// Hexadecimal: JSON's numbers are 53 bits in many programs.
+    bits: String,
+}
+
 /// One main step.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct MainSample {
@@ -256,6 +338,23 @@ impl Wire for Wrench {
     }
 }
 
+impl Wire for Digest {
+    type Form = DigestForm;
+    fn to_wire(&self) -> DigestForm {
+        DigestForm {
+            steps: self.steps,
+            bits: format!("{:016x}", self.bits),
+        }
+    }
+    fn from_wire(form: &DigestForm) -> Self {
+        Self {
+            steps: form.steps,
+            // What is no number agrees with nothing.
+            bits: u64::from_str_radix(&form.bits, 16).unwrap_or(0),
+        }
+    }
+}
+
 impl Wire for HandSample {
     type Form = HandForm;
     fn to_wire(&self) -> HandForm {
@@ -296,6 +395,61 @@ pub(crate) mod tests {
             saturated: true,
             contacts: 17,
         }
+    }
+
+    /// Rounded values come back as they were written, in short; rounding twice changes nothing.
+    #[test]
+    fn a_rounded_hand_is_near_and_short() {
+        let exact = HandSample {
+            tool_pose: Pose::new(
+                Vec3::new(-37.123_456_789_1, 0.1, 1e-9),
+                Vec3::new(0.3, 1.1, 0.7),
+            ),
+            ..hand(std::f64::consts::PI)
+        };
+        let once = exact.rounded();
+        let json = serde_json::to_string(&once.to_wire()).unwrap();
+        assert!(
+            json.contains("-37.123457,") && json.contains("3.14159,"),
+            "{json}"
+        );
+        assert_eq!(format!("{once:?}"), format!("{:?}", once.rounded()));
+        let off = once.tool_pose.translation.vector - exact.tool_pose.translation.vector;
+        assert!(
+            off.norm() < 1e-6 && once.tool_pose.rotation.angle_to(&exact.tool_pose.rotation) < 3e-8
+        );
+        assert!((once.wrench.force - exact.wrench.force).norm() < 1e-5);
+        assert_eq!(
+            once.device_pose, exact.device_pose,
+            "what is recomputed from is not touched"
+        );
+        assert_eq!(
+            on_grid(&on_grid(&exact.device_pose)),
+            on_grid(&exact.device_pose)
+        );
+    }
+
+    #[test]
+    fn a_digest_knows_the_last_bit_and_the_order() {
+        let sample = |x: f64| HapticSample {
+            step: 0,
+            time: 0.0,
+            hands: [hand(x), hand(2.0)],
+        };
+        let of = |xs: &[f64]| {
+            let mut digest = Digest::default();
+            xs.iter().for_each(|x| digest.take(&sample(*x)));
+            digest
+        };
+        let (one, next) = (1.0_f64, 1.0_f64.next_up());
+        assert_ne!(of(&[one, 3.0]), of(&[next, 3.0]));
+        assert_ne!(of(&[one, 3.0]), of(&[3.0, one]));
+        let mut turned = sample(one);
+        turned.hands[0].wrench.force *= -1.0;
+        let mut digest = Digest::default();
+        digest.take(&turned);
+        assert_ne!(digest, of(&[one]), "several changed signs do not cancel");
+        assert_eq!(Digest::from_wire(&of(&[one]).to_wire()), of(&[one]));
     }
 
     #[test]

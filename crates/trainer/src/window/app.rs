@@ -54,6 +54,8 @@ pub struct Window {
     pub(super) view: ViewState,
     pub(super) teacher: Teacher,
     pub(super) planner: Planner,
+    /// The moment of a recording that is being read from which it then goes on \[s\].
+    goes_on_at: Option<f64>,
     eye: Eye,
     folder: Option<PathBuf>,
     is_closing: bool,
@@ -68,6 +70,8 @@ pub struct ViewState {
     pub wished: Option<View>,
     /// Whether it follows the chisels.
     pub is_first_person: bool,
+    /// Whether the panel on the left shows what is set of it.
+    pub is_being_set: bool,
     /// The newest picture.
     pub texture: Option<TextureHandle>,
     /// From where that was taken.
@@ -146,6 +150,7 @@ impl Window {
             view: ViewState::default(),
             teacher: Teacher::default(),
             planner: Planner::default(),
+            goes_on_at: args.at,
             eye,
             folder,
             is_closing: false,
@@ -155,7 +160,10 @@ impl Window {
         let is_new = !window.settings.has_been_guided && args.rehearse.is_none();
         window.teacher.guide = is_new.then(Guide::new);
         let name = scenario.map_or_else(|| window.settings.scenario.clone(), str::to_owned);
-        window.select(&name);
+        match &args.from {
+            Some(path) => window.look_back(path),
+            None => window.select(&name),
+        }
         Ok(window)
     }
 
@@ -299,6 +307,10 @@ impl Window {
             self.notify(format!("Looking back at {}", back.path.display()));
             self.teacher.back = Some(back);
             teacher::first_view(self);
+            if let Some(at) = self.goes_on_at.take() {
+                self.teacher.back.iter_mut().for_each(|b| _ = b.go_to(at));
+                self.retry_from_here();
+            }
         }
         let guides = self.conductor.take_guides();
         if guides.iter().any(Option::is_some) || self.conductor.phase() == Phase::Preparing {

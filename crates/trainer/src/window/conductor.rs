@@ -9,7 +9,7 @@ use crate::cli::{Failure, Mode};
 use crate::commands::{Advance, History, Plan, Watch, keep_session};
 use crate::debrief::Figures;
 use crate::engine::{self, Prepared};
-use crate::input::{Input, Leader, open_devices};
+use crate::input::{Input, Leader, narrow, open_devices, shown_less};
 use crate::loops::{Control, Published, Sink, Subscribed, latest};
 use crate::retry::Moment;
 use crate::scenario::{Override, Scenario};
@@ -484,9 +484,11 @@ fn chosen(scenario: &Scenario, setup: &Setup, from: Option<&Moment>) -> Scenario
 fn session(ready: &Ready, begun: Begun, live: &SharedLive, stand: &Stand) -> Result<Kept> {
     let Begun { setup, from, .. } = begun;
     let mut scenario = chosen(from.map_or(&ready.scenario, Moment::scenario), setup, from);
-    let (devices, notes) = open_devices(&mut scenario)?;
-    if let Some(moment) = from {
-        moment.check_devices(&scenario)?;
+    let (devices, mut notes) = open_devices(&scenario)?;
+    if from.is_some() {
+        notes.extend(shown_less(&scenario, &devices));
+    } else {
+        narrow(&mut scenario, &devices);
     }
     let mut devices = devices.into_iter();
     let leaders = begun.told.map(|t| match (t, devices.next().flatten()) {

@@ -67,7 +67,15 @@ impl LookBack {
     /// # Errors
     /// One line: why it cannot be gone on from.
     pub fn moment(&self) -> Result<Moment> {
-        self.end.at(self.time)
+        self.moment_at(self.time)
+    }
+
+    /// Another moment of it \[s\].
+    ///
+    /// # Errors
+    /// Likewise.
+    pub fn moment_at(&self, time: f64) -> Result<Moment> {
+        self.end.at(time)
     }
 
     /// Goes to a time; says whether it is another one.

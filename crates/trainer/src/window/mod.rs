@@ -30,9 +30,10 @@ mod style;
 mod teacher;
 
 use crate::cli::{Failure, TrainArgs};
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result, anyhow};
 use app::Window;
 use eframe::egui::{ViewportBuilder, vec2};
+use look_back::LookBack;
 use rehearsal::Rehearsal;
 use std::path::Path;
 
@@ -50,6 +51,13 @@ pub fn train(args: &TrainArgs) -> Result<(), Failure> {
     if let Some(scenario) = &args.scenario {
         let name = scenario.to_string_lossy();
         catalogue::load(&name, &args.set).map_err(Failure::Input)?;
+    }
+    if let Some(path) = &args.from {
+        let back = LookBack::read(path).map_err(Failure::Input)?;
+        let moment = args.at.map(|at| back.moment_at(at)).transpose();
+        moment
+            .with_context(|| path.display().to_string())
+            .map_err(Failure::Input)?;
     }
     let rehearsal = args.rehearse.as_deref().map(Rehearsal::read).transpose();
     let rehearsal = rehearsal.map_err(Failure::Input)?;

@@ -179,21 +179,37 @@ fn hint(w: &Window) -> &'static str {
     }
 }
 
-/// Scenario, hands, view, sessions.
+/// On one leaf scenario, hands and teaching, on the other the view: each fits a window of 1280 x 720 without scrolling.
 pub fn left(w: &mut Window, ui: &mut Ui) {
     Panel::left("left")
         .exact_size(236.0)
         .frame(frame(Margin::symmetric(10, 8)))
         .show(ui, |ui| {
             ScrollArea::vertical().show(ui, |ui| {
+                leaves(w, ui);
+                if w.view.is_being_set {
+                    return card(ui, "View", |ui| view(w, ui));
+                }
                 card(ui, "Scenario", |ui| scenario(w, ui));
                 card(ui, "Hands", |ui| hands(w, ui));
-                card(ui, "View", |ui| view(w, ui));
                 card(ui, "Who trains", |ui| teacher::profile(w, ui));
                 card(ui, "Teaching", |ui| teacher::switches(w, ui));
                 card(ui, "Sessions", |ui| sessions(w, ui));
             });
         });
+}
+
+fn leaves(w: &mut Window, ui: &mut Ui) {
+    let half = (ui.available_width() - ui.spacing().item_spacing.x) / 2.0;
+    ui.horizontal(|ui| {
+        for (is_view, name) in [(false, "Session"), (true, "View")] {
+            let is_on = w.view.is_being_set == is_view;
+            let button = Button::new(name).selected(is_on);
+            if ui.add(button.min_size(vec2(half, 24.0))).clicked() {
+                w.view.is_being_set = is_view;
+            }
+        }
+    });
 }
 
 pub(super) fn wide_combo(id: &str, selected: &str, ui: &Ui) -> ComboBox<'static> {
@@ -258,18 +274,20 @@ fn hands(w: &mut Window, ui: &mut Ui) {
     let mut options = vec![Leading::Surgeon, Leading::Mouse];
     options.extend(w.devices.found.iter().cloned().map(Leading::Device));
     for (i, name) in HANDS.into_iter().enumerate() {
-        ui.label(RichText::new(name).color(style::of_hand(i)));
         let now = w.leading[i].clone();
-        wide_combo(name, &now.title(), ui).show_ui(ui, |ui| {
-            let others = (!options.contains(&now)).then_some(&now);
-            for option in options.iter().chain(others) {
-                if ui
-                    .selectable_label(now == *option, option.title())
-                    .clicked()
-                {
-                    w.leading[i] = option.clone();
+        let side = name.split(' ').next().unwrap_or(name);
+        ui.horizontal(|ui| {
+            let label = RichText::new(side).color(style::of_hand(i));
+            ui.add_sized(vec2(40.0, 20.0), egui::Label::new(label));
+            wide_combo(name, &now.title(), ui).show_ui(ui, |ui| {
+                let others = (!options.contains(&now)).then_some(&now);
+                for option in options.iter().chain(others) {
+                    let label = ui.selectable_label(now == *option, option.title());
+                    if label.clicked() {
+                        w.leading[i] = option.clone();
+                    }
                 }
-            }
+            });
         });
     }
     let seek = match w.devices.is_seeking() {

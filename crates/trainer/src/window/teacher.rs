@@ -121,8 +121,10 @@ pub fn switches(w: &mut Window, ui: &mut Ui) {
     });
     let may = !is_exam(w);
     ui.add_enabled_ui(may, |ui| {
-        ui.checkbox(&mut w.settings.shows_hints, "Hints");
-        ui.checkbox(&mut w.settings.shows_plan, "Planned plane");
+        ui.horizontal(|ui| {
+            ui.checkbox(&mut w.settings.shows_hints, "Hints");
+            ui.checkbox(&mut w.settings.shows_plan, "Planned plane");
+        });
         if ui.button("Guided first run").clicked() {
             w.teacher.guide = Some(Guide::new());
         }
@@ -299,10 +301,17 @@ pub fn profile(w: &mut Window, ui: &mut Ui) {
     let nobody = "Nobody: no history";
     let now = w.settings.profile.clone();
     let shown = if now.is_empty() { nobody } else { &now };
-    wide_combo("profile", shown, ui).show_ui(ui, |ui| {
-        ui.selectable_value(&mut w.settings.profile, String::new(), nobody);
-        for name in &w.teacher.names {
-            ui.selectable_value(&mut w.settings.profile, name.clone(), name);
+    ui.horizontal(|ui| {
+        let combo = wide_combo("profile", shown, ui).width(ui.available_width() - 70.0);
+        combo.show_ui(ui, |ui| {
+            ui.selectable_value(&mut w.settings.profile, String::new(), nobody);
+            for name in &w.teacher.names {
+                ui.selectable_value(&mut w.settings.profile, name.clone(), name);
+            }
+        });
+        let can = !w.settings.profile.is_empty();
+        if ui.add_enabled(can, Button::new("History")).clicked() {
+            open_history(w);
         }
     });
     ui.horizontal(|ui| {
@@ -321,10 +330,6 @@ pub fn profile(w: &mut Window, ui: &mut Ui) {
             list(w);
         }
     });
-    let can = !w.settings.profile.is_empty();
-    if ui.add_enabled(can, Button::new("History")).clicked() {
-        open_history(w);
-    }
 }
 
 fn list(w: &mut Window) {
