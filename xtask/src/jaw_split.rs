@@ -24,8 +24,10 @@ use std::sync::Arc;
 const WIDTH: f64 = 6.0;
 /// Its height, along the way in \[mm\].
 const HEIGHT: f64 = 3.0;
-/// Driven pairs stay this far behind the front \[mm\], and no deeper in the bone than `DEEPEST` \[mm\].
+/// Driven pairs stay this far behind the front \[mm\], or `CLEAR` element sizes: elements at the front do not open. They go no deeper
+/// into the bone than `DEEPEST` \[mm\].
 const BEHIND: f64 = 3.0;
+const CLEAR: f64 = 1.2;
 const DEEPEST: f64 = 25.0;
 /// The crack may lie this far off the blade's plane \[mm\].
 const ASIDE: f64 = 8.0;
@@ -198,8 +200,9 @@ impl Study {
                 f.vertices.iter().map(|&v| vertices[v as usize])
             })
             .collect();
+        let behind = BEHIND.max(CLEAR * bone.body.lengths.h);
         let is_behind = |p: &FacePlace| {
-            let far = |f: &Vec3| (f - p.position).norm() >= BEHIND;
+            let far = |f: &Vec3| (f - p.position).norm() >= behind;
             fronts.iter().all(far)
         };
         let mut loads = Vec::new();
