@@ -468,20 +468,24 @@ impl Search<'_> {
         found: &mut FoundInCell,
     ) {
         let n = block.ids.len();
+        let ([a, b, c, d], [x, y, z]) = (block.weights, block.normals);
         for first in (0..n).step_by(LANES) {
-            let weights = block.weights.map(|w| four(w, first, f32::NAN));
-            let normals = block.normals.map(|v| four(v, first, 0.0));
-            for at in (0..LANES.min(n - first)).step_by(L::N) {
-                let position = from_cell.place::<L>(&weights, at);
-                let facing = self.into.facing::<L>(self.shape, &normals, at);
+            let four = |list| four(list, first);
+            let weights = [four(a), four(b), four(c), four(d)];
+            let normals = [four(x), four(y), four(z)];
+            let n_left = n - first;
+            for at in (0..LANES.min(n_left)).step_by(L::N) {
+                let position = from_cell.place::<L>(weights, at);
+                let facing = self.into.facing::<L>(self.shape, normals, at);
                 let samples = self.shape.nearness(position, facing, MARGIN);
-                let near = L::bits(samples.distance.less(L::splat(MARGIN)));
+                let near = L::bits(samples.distance.less(L::splat(MARGIN))) << at;
+                let near = near & ((1 << n_left.min(LANES)) - 1);
                 if near == 0 {
                     continue;
                 }
                 let mut distance = [0.0; LANES];
                 samples.distance.store(&mut distance, at);
-                for k in set_bits(near << at) {
+                for k in set_bits(near) {
                     found.put(block, first + k, distance[k]);
                 }
             }
@@ -489,11 +493,10 @@ impl Search<'_> {
     }
 }
 
-/// Four numbers of a list; beyond its end `none`.
+/// Four numbers of a list.
 #[inline]
-fn four(from: &[f32], first: usize, none: f32) -> [f32; LANES] {
-    match from.get(first..first + LANES) {
-        Some(v) => [v[0], v[1], v[2], v[3]],
-        None => [0, 1, 2, 3].map(|k| from.get(first + k).copied().unwrap_or(none)),
-    }
+fn four(from: &[f32], first: usize) -> &[f32; LANES] {
+    from.get(first..)
+        .and_then(<[f32]>::first_chunk)
+        .unwrap_or(&[f32::NAN; LANES])
 }

@@ -1,4 +1,4 @@
-use crate::geometry::Vec3;
+use crate::geometry::{LANES, Vec3};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -90,9 +90,10 @@ pub struct PointShell {
     blocks: Vec<Block>,
     overhang: Vec<f32>,
     ids: Vec<u32>,
+    /// Some numbers longer than the others, so that the last can be read four at a time.
     weights: [Vec<f32>; 4],
     areas: Vec<f32>,
-    /// Wall normals, a list an axis; zero for surface points.
+    /// Wall normals, a list an axis; zero for surface points. Longer, too.
     normals: [Vec<f32>; 3],
     /// One past the highest id.
     n_ids: usize,
@@ -130,9 +131,11 @@ pub(super) struct BlockExtent {
 pub(super) struct BlockPoints<'a> {
     /// Place of the first in the shell's arrays.
     pub first: usize,
+    /// In whole fours: beyond the last point come others.
     pub weights: [&'a [f32]; 4],
     pub areas: &'a [f32],
     pub ids: &'a [u32],
+    /// In whole fours, too.
     pub normals: [&'a [f32]; 3],
 }
 
@@ -167,6 +170,9 @@ impl PointShell {
             next.push(points, cells);
         }
         next.copy(self, from..self.n_cells());
+        for list in next.weights.iter_mut().chain(&mut next.normals) {
+            list.resize(next.ids.len() + LANES - 1, 0.0);
+        }
         next
     }
 
@@ -291,13 +297,13 @@ impl PointShell {
     /// Wall normal of the point at place `k` of the sorted list: zero for points of the surface; `None` beyond its end.
     pub fn normal(&self, k: usize) -> Option<[f32; 3]> {
         let [x, y, z] = &self.normals;
-        Some([*x.get(k)?, *y.get(k)?, *z.get(k)?])
+        (k < self.len()).then(|| [x[k], y[k], z[k]])
     }
 
     /// The shape functions of the point at place `k` of the sorted list; `None` beyond its end.
     pub fn weights(&self, k: usize) -> Option<[f32; 4]> {
         let [a, b, c, d] = &self.weights;
-        Some([*a.get(k)?, *b.get(k)?, *c.get(k)?, *d.get(k)?])
+        (k < self.len()).then(|| [a[k], b[k], c[k], d[k]])
     }
 
     /// The blocks of cell `c`; none if there is no such cell.
@@ -310,23 +316,20 @@ impl PointShell {
     pub(super) fn points_of(&self, block: &Block) -> Option<BlockPoints<'_>> {
         let first = block.first as usize;
         let range = first..first + block.len as usize;
+        let fours = first..first + (block.len as usize).next_multiple_of(LANES);
         let [a, b, c, d] = &self.weights;
         let [x, y, z] = &self.normals;
         Some(BlockPoints {
             first,
             weights: [
-                a.get(range.clone())?,
-                b.get(range.clone())?,
-                c.get(range.clone())?,
-                d.get(range.clone())?,
+                a.get(fours.clone())?,
+                b.get(fours.clone())?,
+                c.get(fours.clone())?,
+                d.get(fours.clone())?,
             ],
+            normals: [x.get(fours.clone())?, y.get(fours.clone())?, z.get(fours)?],
             areas: self.areas.get(range.clone())?,
-            ids: self.ids.get(range.clone())?,
-            normals: [
-                x.get(range.clone())?,
-                y.get(range.clone())?,
-                z.get(range)?,
-            ],
+            ids: self.ids.get(range)?,
         })
     }
 }
@@ -414,9 +417,7 @@ mod tests {
                         assert_eq!(cells[block.ids[i] as usize], c as u32);
                     }
                 }
-                widest = extent.reach[1..]
-                    .iter()
-                    .fold(widest, |w, r| w.max(*r));
+                widest = extent.reach[1..].iter().fold(widest, |w, r| w.max(*r));
             }
         }
         assert!(widest < 0.5, "{widest}: a block spans its whole cell");

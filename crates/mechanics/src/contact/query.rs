@@ -73,8 +73,9 @@ pub fn penetrations_in<L: Lanes>(
         let from_cell = into.cell::<L>(d);
         for points in near.points(group) {
             for at in (0..LANES).step_by(L::N) {
-                let position = from_cell.place::<L>(&points.weights, at);
-                let facing = into.facing::<L>(shape, &points.normals, at);
+                let ([a, b, c, d], [x, y, z]) = (&points.weights, &points.normals);
+                let position = from_cell.place::<L>([a, b, c, d], at);
+                let facing = into.facing::<L>(shape, [x, y, z], at);
                 let found = shape.inside(position, facing);
                 let hits = L::bits(found.distance.less(L::splat(0.0)));
                 if hits != 0 {
@@ -101,20 +102,22 @@ fn keep<L: Lanes>(
         v.store(&mut four, at);
         four
     };
-    let (position, gradient) = (position.map(spread), found.gradient.map(spread));
+    let ([x, y, z], [u, v, w]) = (position, found.gradient);
+    let (x, y, z) = (spread(x), spread(y), spread(z));
+    let (u, v, w) = (spread(u), spread(v), spread(w));
     let distance = spread(found.distance);
     for k in set_bits(hits) {
         if contacts.len() == contacts.capacity() {
             return;
         }
-        let position = position.map(|p| p[k]);
+        let position = [x[k], y[k], z[k]];
         contacts.push(Contact {
             cell,
             place: points.places[k],
             id: points.ids[k],
             area: points.areas[k],
             depth: -distance[k],
-            gradient: gradient.map(|g| g[k]),
+            gradient: [u[k], v[k], w[k]],
             position,
             friction: [0.0; 3],
             anchor: position,
@@ -139,19 +142,24 @@ impl IntoShape {
     }
 
     /// `shape_from_world D` (paper, equation 9). About the shape's origin, so that f32 is fine enough near it.
+    #[inline]
     pub fn cell<L: Lanes>(&self, d: &Matrix3x4<f32>) -> FromCell {
-        let nodes: [[f32; LANES]; 3] = [0, 1, 2].map(|axis| {
-            [0, 1, 2, 3].map(|k| (f64::from(d[(axis, k)]) - self.origin[axis]) as f32)
-        });
-        let mut rows = [[0.0; LANES]; 3];
-        for (row, r) in rows.iter_mut().zip(&self.rows) {
+        let axis = |axis: usize| {
+            let about = |k: usize| (f64::from(d[(axis, k)]) - self.origin[axis]) as f32;
+            [about(0), about(1), about(2), about(3)]
+        };
+        let (x, y, z) = (axis(0), axis(1), axis(2));
+        let row = |r: &[f32; 3]| {
+            let mut row = [0.0; LANES];
             for at in (0..LANES).step_by(L::N) {
-                let [x, y, z] = nodes.each_ref().map(|n| L::load(n, at));
+                let (x, y, z) = (L::load(&x, at), L::load(&y, at), L::load(&z, at));
                 let turned = L::splat(r[0]) * x + L::splat(r[1]) * y + L::splat(r[2]) * z;
-                turned.store(row, at);
+                turned.store(&mut row, at);
             }
-        }
-        FromCell(rows)
+            row
+        };
+        let [a, b, c] = &self.rows;
+        FromCell([row(a), row(b), row(c)])
     }
 
     /// A place of the world.
@@ -161,18 +169,20 @@ impl IntoShape {
     }
 
     /// How much walls look to a blade's +y.
+    #[inline]
     pub fn facing<L: Lanes>(
         &self,
         shape: &RigidShape,
-        normals: &[[f32; LANES]; 3],
+        normals: [&[f32; LANES]; 3],
         at: usize,
     ) -> L {
         if shape.sided.is_none() {
             return L::splat(0.0);
         }
-        let [x, y, z] = normals.each_ref().map(|n| L::load(n, at));
-        let r = self.rows[1].map(L::splat);
-        r[0] * x + r[1] * y + r[2] * z
+        let [x, y, z] = normals;
+        let (x, y, z) = (L::load(x, at), L::load(y, at), L::load(z, at));
+        let r = &self.rows[1];
+        L::splat(r[0]) * x + L::splat(r[1]) * y + L::splat(r[2]) * z
     }
 }
 
@@ -182,30 +192,43 @@ pub(super) struct FromCell([[f32; LANES]; 3]);
 impl FromCell {
     /// Where points with these shape functions are.
     #[inline]
-    pub fn place<L: Lanes>(&self, weights: &[[f32; LANES]; 4], at: usize) -> [L; 3] {
-        self.places(weights.each_ref().map(|w| L::load(w, at)))
+    pub fn place<L: Lanes>(&self, weights: [&[f32; LANES]; 4], at: usize) -> [L; 3] {
+        let [a, b, c, d] = weights;
+        let load = |w: &[f32; LANES]| L::load(w, at);
+        self.places([load(a), load(b), load(c), load(d)])
     }
 
+    /// Likewise.
     #[inline]
     pub fn places<L: Lanes>(&self, weights: [L; 4]) -> [L; 3] {
         let [a, b, c, d] = weights;
-        self.0.map(|row| {
-            let [ma, mb, mc, md] = row.map(L::splat);
-            (ma * a + mb * b) + (mc * c + md * d)
-        })
+        let along = |row: &[f32; LANES]| {
+            let splat = |k: usize| L::splat(row[k]);
+            (splat(0) * a + splat(1) * b) + (splat(2) * c + splat(3) * d)
+        };
+        let [x, y, z] = &self.0;
+        [along(x), along(y), along(z)]
     }
 
     /// The node in the middle of the others, and how far the farthest is from there.
     pub fn ball(&self) -> ([f32; 3], f32) {
         let centre = self.0.map(|row| 0.25 * row.iter().sum::<f32>());
-        let away = |k: usize| (0..3).map(|r| (self.0[r][k] - centre[r]).powi(2)).sum::<f32>();
+        let away = |k: usize| {
+            (0..3)
+                .map(|r| (self.0[r][k] - centre[r]).powi(2))
+                .sum::<f32>()
+        };
         let radius2 = (0..4).map(away).fold(0.0, f32::max);
         (centre, radius2.sqrt())
     }
 
     /// Lengths of the edges from the first node to each.
     pub fn lengths(&self) -> [f32; 4] {
-        let way = |k: usize| (0..3).map(|r| (self.0[r][k] - self.0[r][0]).powi(2)).sum::<f32>();
+        let way = |k: usize| {
+            (0..3)
+                .map(|r| (self.0[r][k] - self.0[r][0]).powi(2))
+                .sum::<f32>()
+        };
         [0, 1, 2, 3].map(|k| way(k).sqrt())
     }
 }

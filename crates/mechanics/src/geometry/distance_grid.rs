@@ -131,14 +131,14 @@ impl DistanceGrid {
     #[inline]
     pub fn look_up_in<L: Lanes>(&self, p: [L; 3], wanted: L::Mask) -> DistanceSamples<L> {
         let zero = L::splat(0.0);
-        let scaled = |k: usize| {
-            (p[k] - L::splat(self.origin[k])) * L::splat(self.inverse_spacing[k])
-        };
+        let scaled =
+            |k: usize| (p[k] - L::splat(self.origin[k])) * L::splat(self.inverse_spacing[k]);
         let (x, y, z) = (scaled(0), scaled(1), scaled(2));
-        let [nx, ny, nz] = self.n_cells.map(L::splat);
+        let [nx, ny, nz] = self.n_cells;
         // Written so that NaN fails.
         let above = x.at_least(zero) & y.at_least(zero) & z.at_least(zero);
-        let known = wanted & above & x.less(nx) & y.less(ny) & z.less(nz);
+        let below = x.less(L::splat(nx)) & y.less(L::splat(ny)) & z.less(L::splat(nz));
+        let known = wanted & above & below;
         if L::bits(known) == 0 {
             return DistanceSamples::unknown(known);
         }
@@ -158,13 +158,13 @@ impl DistanceGrid {
         let (ax, bx, cx, dx) = (a1 - a0, b1 - b0, c1 - c0, d1 - d0);
         let (a, b, c, d) = (a0 + ax * x, b0 + bx * x, c0 + cx * x, d0 + dx * x);
         let (low, high) = (lerp(a, b, y), lerp(c, d, y));
-        let [sx, sy, sz] = self.inverse_spacing.map(L::splat);
+        let [sx, sy, sz] = self.inverse_spacing;
         DistanceSamples {
             distance: L::choose(known, lerp(low, high, z), L::splat(f32::INFINITY)),
             gradient: [
-                lerp(lerp(ax, bx, y), lerp(cx, dx, y), z) * sx,
-                lerp(b - a, d - c, z) * sy,
-                (high - low) * sz,
+                lerp(lerp(ax, bx, y), lerp(cx, dx, y), z) * L::splat(sx),
+                lerp(b - a, d - c, z) * L::splat(sy),
+                (high - low) * L::splat(sz),
             ],
             known,
         }

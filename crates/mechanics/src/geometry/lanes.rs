@@ -94,7 +94,9 @@ impl Lanes for f32x4 {
     }
     #[inline]
     fn columns(mut row: impl FnMut(usize) -> [f32; 4]) -> [Self; 4] {
-        f32x4::transpose([0, 1, 2, 3].map(|k| f32x4::new(row(k))))
+        // Written out: through `array::map` the rows would go by way of memory.
+        let (a, b, c, d) = (row(0), row(1), row(2), row(3));
+        f32x4::transpose([f32x4::new(a), f32x4::new(b), f32x4::new(c), f32x4::new(d)])
     }
     #[inline]
     fn less(self, than: Self) -> f32x4 {
@@ -111,7 +113,8 @@ impl Lanes for f32x4 {
     #[inline]
     fn whole(self) -> (Self, [usize; LANES]) {
         let counts = self.fast_trunc_int();
-        let places = counts.to_array().map(|c| c as usize);
+        let [a, b, c, d] = counts.to_array();
+        let places = [a as usize, b as usize, c as usize, d as usize];
         (f32x4::from_i32x4(counts), places)
     }
     #[inline]

@@ -339,7 +339,8 @@ impl<'a> Solve<'a> {
         }
         let mixed = active[0] && active[1] && taken[0] != taken[1];
         if mixed {
-            self.scratch.held = self.hold(&[0, 1].map(|t| self.scratch.now[t].pose));
+            let poses = [0, 1].map(|t| self.scratch.now[t].pose);
+            self.scratch.held = self.hold(&poses);
             self.scratch.pair = self.pair_at(&self.scratch.held.poses);
         } else if (0..2).any(|t| active[t] && taken[t]) {
             self.scratch.held = held;
@@ -503,9 +504,9 @@ impl<'a> Solve<'a> {
         trial.response = respond(&mut trial.contacts, &self.model.law, anchors, pose);
     }
 
-    fn hold(&self, relative: &[Pose; 2]) -> Held {
+    fn hold(&mut self, relative: &[Pose; 2]) -> Held {
         let (devices, guess) = (self.input.devices, &self.scratch.held.motion);
-        hold(self.model, devices, relative, self.bone.as_ref(), guess)
+        hold(self.model, devices, relative, self.bone.as_mut(), guess)
     }
 
     fn pair_at(&self, poses: &[Pose; 2]) -> PairResponse {
