@@ -117,11 +117,21 @@ impl NearPoints {
     /// Makes sure that the points near the shape at `world_from_shape` are here. Looks for them only if the scene is in another
     /// state or the shape has moved by more than the margin.
     pub fn follow(&mut self, shape: &RigidShape, world_from_shape: &Pose, scene: &ContactScene) {
+        self.follow_in::<f32x4>(shape, world_from_shape, scene);
+    }
+
+    /// As [`follow`](Self::follow), with so many points at a time.
+    pub fn follow_in<L: Lanes>(
+        &mut self,
+        shape: &RigidShape,
+        world_from_shape: &Pose,
+        scene: &ContactScene,
+    ) {
         let is_seen = |f: &Found| scene.state != 0 && f.state == scene.state;
         if self.found.as_ref().is_some_and(is_seen) && self.holds(shape, world_from_shape) {
             return;
         }
-        self.find(shape, world_from_shape, scene);
+        self.find_in::<L>(shape, world_from_shape, scene);
     }
 
     /// Whether they serve the shape at `world_from_shape` in the state in which they were found.

@@ -186,7 +186,9 @@ impl Four {
         let tied = self.tied & steepness.simd_ge(f32x4::splat(1e-3));
         let normal = scaled(&self.gradient, one / tied.select(steepness, one));
         let way = minus(&self.position, &self.anchor);
-        let slip = minus(&way, &scaled(&normal, dot(&normal, &way)));
+        let along = |v: &[f32x4; 3]| minus(v, &scaled(&normal, dot(&normal, v)));
+        // Twice: of a way that is nearly all depth, rounding would leave a part along the normal.
+        let slip = along(&along(&way));
         let length = dot(&slip, &slip).sqrt();
         let is_long = length.simd_gt(zero);
         let slide = scaled(&slip, one / is_long.select(length, one));

@@ -1,4 +1,5 @@
 use super::{Aabb, Lanes, Vec3};
+use std::sync::Arc;
 
 /// Why a distance grid was refused.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -63,7 +64,7 @@ impl<L: Lanes> DistanceSamples<L> {
 /// Signed distances on a regular grid, interpolated trilinearly.
 ///
 /// The gradient is that of the interpolation itself, so a force made from both conserves energy. Flat faces are
-/// reproduced exactly; near edges the error is below the spacing. Look-ups neither allocate nor panic.
+/// reproduced exactly; near edges the error is below the spacing. Look-ups neither allocate nor panic. Clones share the values.
 #[derive(Clone, Debug)]
 pub struct DistanceGrid {
     origin: [f32; 3],
@@ -72,7 +73,7 @@ pub struct DistanceGrid {
     n_cells: [f32; 3],
     stride_y: usize,
     stride_z: usize,
-    values: Vec<f32>,
+    values: Arc<[f32]>,
     bounds: Aabb,
     error_bound: f32,
 }
@@ -106,7 +107,7 @@ impl DistanceGrid {
             n_cells: cells.map(|n| n as f32),
             stride_y: cells[0] + 1,
             stride_z: (cells[0] + 1) * (cells[1] + 1),
-            values: fill(&bounds.min, &step, cells, distance)?,
+            values: fill(&bounds.min, &step, cells, distance)?.into(),
             bounds,
             error_bound: (0.5 * step.norm()) as f32,
         })
