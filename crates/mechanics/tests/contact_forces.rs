@@ -3,7 +3,8 @@ mod support;
 
 use osteotome_mechanics::contact::{
     Anchors, Contact, ContactLaw, ContactScene, NearPoints, PointOrigin, PointShell, Response,
-    ShellPoint, ShellPoints, append_point_forces, penetrations, respond, respond_pair,
+    ShellPoint, ShellPoints, append_point_forces, penetrations, penetrations_in, respond,
+    respond_pair,
 };
 use osteotome_mechanics::geometry::{Pose, TetLocator, Vec3};
 use osteotome_mechanics::tool::ToolModel;
@@ -428,6 +429,43 @@ fn near_points_are_kept_without_losing_a_contact() {
         n_contacts += kept.len();
     }
     assert!(n_contacts > 400, "{n_contacts}: hardly touched");
+}
+
+/// Four points at a time give what one at a time gives, to the last bit: on the surface, and on walls that look either way.
+#[test]
+fn four_lanes_are_one_lane_four_times() {
+    let mut block = Block::new(9, |p| {
+        p + Vec3::new(0.03 * p.z, -0.02 * p.x, 0.01 * p.y * p.x)
+    });
+    let faces = [Vec3::y(), -Vec3::y(), Vec3::new(0.6, 0.8, 0.0)];
+    let wall = |k: usize| {
+        let point = *block.points.get(k as u32);
+        let origin = faces.get(k % 4).map(|n| PointOrigin::Wall { normal: *n });
+        ShellPoint {
+            origin: origin.unwrap_or(PointOrigin::Surface),
+            ..point
+        }
+    };
+    let points: Vec<_> = (0..block.points.len()).map(wall).collect();
+    let cells: Vec<u32> = points.iter().map(|p| p.tet).collect();
+    let points = ShellPoints::new(points.into());
+    block.shell = PointShell::group(&points, &cells, block.mesh.tets().len());
+    let model = model(0.0);
+    let shape = &model.tools[0].shape;
+    let mut near = [0; 2].map(|_| NearPoints::with_capacity(4096, 16_384));
+    let mut found = [0; 2].map(|_| Vec::with_capacity(16_384));
+    let mut n_contacts = 0;
+    for pose in random_poses(60) {
+        let scene = block.scene();
+        near[0].find_in::<f32>(shape, &pose, &scene);
+        near[1].find(shape, &pose, &scene);
+        assert_eq!(near[0].len(), near[1].len());
+        penetrations_in::<f32>(shape, &pose, &scene, &near[0], &mut found[0]);
+        penetrations(shape, &pose, &scene, &near[1], &mut found[1]);
+        assert_eq!(found[0], found[1]);
+        n_contacts += found[0].len();
+    }
+    assert!(n_contacts > 1000, "{n_contacts}: hardly touched");
 }
 
 /// Where there is no room for all, the shallow points are left out and counted.

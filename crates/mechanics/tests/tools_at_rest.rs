@@ -83,6 +83,26 @@ fn a_chisel_pushed_into_the_block_settles_with_its_forces_in_balance() {
     }
 }
 
+/// Whether another thread takes a tool or not, to the last bit.
+#[test]
+fn both_tools_at_a_time_come_to_the_same_rest() {
+    let [alone, beside] = [usize::MAX, 0].map(|points_for_two_threads| {
+        let settings = SolveSettings {
+            points_for_two_threads,
+            ..SolveSettings::MAIN
+        };
+        let mut rig = Rig::new(0.3, [at(-7.0, 0.1), at(7.0, 0.1)]);
+        let solve = |depth: f64| {
+            let result = rig.solve([at(-7.0, -depth), at(7.0, -1.2 * depth)], &settings);
+            rig.scratch.commit(&mut rig.anchors);
+            assert!(result.n_contacts.iter().all(|n| *n > 10), "{result:?}");
+            (result.coupling, rig.state)
+        };
+        [0.5, 2.0, 1.0].map(solve)
+    });
+    assert_eq!(alone, beside);
+}
+
 /// In free space the tool simply goes where the hand is, however saturated the spring.
 #[test]
 fn a_free_tool_follows_its_hand() {

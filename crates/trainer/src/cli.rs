@@ -416,6 +416,9 @@ pub struct BenchArgs {
     /// Plays no more than so many seconds of it
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub max_time: Option<f64>,
+    /// Plays it over and over in real time for so many seconds instead, and says which deadlines were missed
+    #[arg(long, value_name = "S", value_parser = seconds, conflicts_with_all = ["json", "figures", "export"])]
+    pub soak: Option<f64>,
     /// Prints one JSON object and nothing else
     #[arg(long)]
     pub json: bool,

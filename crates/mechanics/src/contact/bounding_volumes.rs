@@ -8,13 +8,30 @@ use nalgebra::Matrix3x4;
 /// themselves are not touched. The hash is made anew only once a box has moved out of the room that it was given there.
 /// Double-buffer by owning two. [`update`](Self::update) allocates only while it grows past
 /// its largest size so far; queries never do.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct BoundingVolumes {
     boxes: Vec<(u32, Aabb)>,
     bounds: Aabb,
     hash: SpatialHash,
     /// The boxes that the hash knows: those of an earlier state, grown by [`SLACK`].
     hashed: Vec<(u32, Aabb)>,
+}
+
+/// Copies into the memory that is there: a main step hands a copy on, and memory given back to the system would be taken from under
+/// all threads.
+impl Clone for BoundingVolumes {
+    fn clone(&self) -> Self {
+        let mut copy = Self::default();
+        copy.clone_from(self);
+        copy
+    }
+
+    fn clone_from(&mut self, other: &Self) {
+        self.bounds = other.bounds;
+        self.boxes.clone_from(&other.boxes);
+        self.hashed.clone_from(&other.hashed);
+        self.hash.clone_from(&other.hash);
+    }
 }
 
 /// Boxes may move this far \[mm\] before they are hashed anew.

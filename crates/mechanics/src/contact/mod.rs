@@ -15,7 +15,7 @@ pub use bounding_volumes::BoundingVolumes;
 pub use friction::Anchors;
 pub use near::{NearPoints, cells_about};
 pub use point_shell::{PointOrigin, PointShell, RenewedCells, ShellPoint, ShellPoints};
-pub use query::{Contact, ContactScene, penetrations};
+pub use query::{Contact, ContactScene, penetrations, penetrations_in};
 pub use response::{
     ContactLaw, ContactLawError, PointForce, Response, append_point_forces, respond,
 };

@@ -1,10 +1,10 @@
 //! The points of the bone near a shape: found once, used as long as shape and bone stay about where they are.
-use super::point_shell::{BLOCK, BlockExtent, BlockPoints};
-use super::query::{ContactScene, shape_from_cell, wall_normal};
+use super::point_shell::BlockPoints;
+use super::query::{ContactScene, FromCell, IntoShape};
 use super::rigid_shape::SIDE_DEPTH;
 use super::{BoundingVolumes, RigidShape};
-use crate::geometry::{Aabb, DistanceSample, Pose};
-use nalgebra::Matrix3x4;
+use crate::geometry::{Aabb, LANES, Lanes, Pose, set_bits};
+use wide::f32x4;
 
 /// Points within this distance of a shape \[mm\] are kept: the shape may move as far before they are looked for again. Less than
 /// the margin of the shapes' grids, which know nothing beyond.
@@ -12,11 +12,13 @@ const MARGIN: f32 = 0.25;
 
 /// The points near one shape, by ascending cell, then place, and the memory to find them. Nothing here allocates after
 /// construction.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct NearPoints {
     cells: NearCells,
     groups: Vec<Group>,
-    points: Vec<NearPoint>,
+    fours: Vec<NearFour>,
+    n_points: usize,
+    n_room: usize,
     found: Option<Found>,
     n_dropped: usize,
 }
@@ -28,7 +30,7 @@ struct Found {
     state: u64,
 }
 
-/// The near points of one cell.
+/// The near points of one cell: a range of fours.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Group {
     pub cell: u32,
@@ -36,13 +38,41 @@ pub(super) struct Group {
     end: u32,
 }
 
+/// Up to four near points of one cell. Places without a point have shape functions that are NaN: they are nowhere.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct NearPoint {
-    pub weights: [f32; 4],
-    pub normal: [f32; 3],
-    pub area: f32,
-    pub place: u32,
-    pub id: u32,
+pub(super) struct NearFour {
+    pub weights: [[f32; LANES]; 4],
+    pub normals: [[f32; LANES]; 3],
+    pub areas: [f32; LANES],
+    pub places: [u32; LANES],
+    pub ids: [u32; LANES],
+}
+
+impl NearFour {
+    const EMPTY: Self = Self {
+        weights: [[f32::NAN; LANES]; 4],
+        normals: [[0.0; LANES]; 3],
+        areas: [0.0; LANES],
+        places: [0; LANES],
+        ids: [0; LANES],
+    };
+}
+
+/// A copy made into memory that is there copies the points alone: what it looks for points with stays its own.
+impl Clone for NearPoints {
+    fn clone(&self) -> Self {
+        let mut copy = Self::with_capacity(self.cells.cells.capacity(), self.n_room);
+        copy.clone_from(self);
+        copy
+    }
+
+    fn clone_from(&mut self, other: &Self) {
+        self.groups.clone_from(&other.groups);
+        self.fours.clone_from(&other.fours);
+        self.n_points = other.n_points;
+        self.found = other.found;
+        self.n_dropped = other.n_dropped;
+    }
 }
 
 impl NearPoints {
@@ -51,7 +81,10 @@ impl NearPoints {
         Self {
             cells: NearCells::with_capacity(n_cells),
             groups: Vec::with_capacity(n_cells),
-            points: Vec::with_capacity(n_points),
+            // Each cell's last four may have empty places.
+            fours: Vec::with_capacity(n_points / LANES + n_cells),
+            n_points: 0,
+            n_room: n_points,
             found: None,
             n_dropped: 0,
         }
@@ -59,12 +92,12 @@ impl NearPoints {
 
     /// How many points there are.
     pub fn len(&self) -> usize {
-        self.points.len()
+        self.n_points
     }
 
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.points.is_empty()
+        self.n_points == 0
     }
 
     /// How many points found no room. The deepest never are among them.
@@ -76,23 +109,29 @@ impl NearPoints {
         &self.groups
     }
 
-    pub(super) fn points(&self, group: &Group) -> &[NearPoint] {
+    pub(super) fn points(&self, group: &Group) -> &[NearFour] {
         let range = group.first as usize..group.end as usize;
-        self.points.get(range).unwrap_or(&[])
+        self.fours.get(range).unwrap_or(&[])
     }
 
     /// Makes sure that the points near the shape at `world_from_shape` are here. Looks for them only if the scene is in another
     /// state or the shape has moved by more than the margin.
     pub fn follow(&mut self, shape: &RigidShape, world_from_shape: &Pose, scene: &ContactScene) {
+        self.follow_in::<f32x4>(shape, world_from_shape, scene);
+    }
+
+    /// As [`follow`](Self::follow), with so many points at a time.
+    pub fn follow_in<L: Lanes>(
+        &mut self,
+        shape: &RigidShape,
+        world_from_shape: &Pose,
+        scene: &ContactScene,
+    ) {
         let is_seen = |f: &Found| scene.state != 0 && f.state == scene.state;
         if self.found.as_ref().is_some_and(is_seen) && self.holds(shape, world_from_shape) {
             return;
         }
-        self.find(shape, world_from_shape, scene);
-        self.found = Some(Found {
-            at: *world_from_shape,
-            state: scene.state,
-        });
+        self.find_in::<L>(shape, world_from_shape, scene);
     }
 
     /// Whether they serve the shape at `world_from_shape` in the state in which they were found.
@@ -103,70 +142,104 @@ impl NearPoints {
 
     /// As [`follow`](Self::follow), from anew.
     pub fn find(&mut self, shape: &RigidShape, world_from_shape: &Pose, scene: &ContactScene) {
-        self.cells.find(shape, world_from_shape, scene.volumes);
-        let mut depths = Depths::default();
-        self.collect(
-            shape,
-            world_from_shape,
-            scene,
-            f32::NEG_INFINITY,
-            &mut depths,
-        );
-        self.n_dropped = depths.n.saturating_sub(self.points.len());
-        if self.n_dropped > 0 {
-            let deeper = depths.deepest(self.points.capacity());
-            self.collect(
-                shape,
-                world_from_shape,
-                scene,
-                deeper,
-                &mut Depths::default(),
-            );
-            self.n_dropped = depths.n.saturating_sub(self.points.len());
-        }
+        self.find_in::<f32x4>(shape, world_from_shape, scene);
     }
 
-    /// Gathers the near points that are deeper than `deeper` (negative outside) while there is room, and counts all.
-    fn collect(
+    /// As [`find`](Self::find), with so many points at a time.
+    pub fn find_in<L: Lanes>(
         &mut self,
         shape: &RigidShape,
         world_from_shape: &Pose,
         scene: &ContactScene,
-        deeper: f32,
-        depths: &mut Depths,
     ) {
+        let search = Search {
+            shape,
+            into: IntoShape::new(world_from_shape),
+            scene,
+        };
+        self.cells.find(&search, world_from_shape);
+        let depths = self.collect::<L>(&search, f32::NEG_INFINITY);
+        self.n_dropped = depths.n.saturating_sub(self.n_points);
+        if self.n_dropped > 0 {
+            self.collect::<L>(&search, depths.deepest(self.n_room));
+            self.n_dropped = depths.n.saturating_sub(self.n_points);
+        }
+        self.found = Some(Found {
+            at: *world_from_shape,
+            state: scene.state,
+        });
+    }
+
+    /// Gathers the near points that are deeper than `deeper` (negative outside) while there is room, and counts all.
+    fn collect<L: Lanes>(&mut self, search: &Search, deeper: f32) -> Depths {
+        let mut depths = Depths::default();
         self.groups.clear();
-        self.points.clear();
-        let shape_from_world = world_from_shape.inverse();
-        for &c in &self.cells.cells {
-            let Some(d) = scene.deformation.get(c as usize) else {
+        self.fours.clear();
+        self.n_points = 0;
+        let scene = search.scene;
+        for c in 0..self.cells.cells.len() {
+            let cell = self.cells.cells[c];
+            let Some(d) = scene.deformation.get(cell as usize) else {
                 continue;
             };
-            let m = shape_from_cell(&shape_from_world, d);
-            if cell_is_away(shape, &m, scene.shell.overhang(c as usize)) {
+            let from_cell = search.into.cell::<L>(d);
+            if search.cell_is_away(&from_cell, scene.shell.overhang(cell as usize)) {
                 continue;
             }
-            let cell = CellQuery {
-                shape,
-                lengths: [0, 1, 2, 3].map(|k| (m.column(k) - m.column(0)).norm()),
-                m: &m,
-                shape_from_world: &shape_from_world,
+            let first = self.fours.len() as u32;
+            let mut found = FoundInCell {
+                filled: LANES,
+                deeper,
+                depths: &mut depths,
+                near: self,
             };
-            let first = self.points.len() as u32;
-            for block in scene.shell.blocks(c as usize) {
-                if !cell.is_away(block.extent) {
-                    cell.collect(&block, deeper, depths, &mut self.points);
-                }
-            }
-            let end = self.points.len() as u32;
-            if end > first && self.groups.len() < self.groups.capacity() {
-                self.groups.push(Group {
-                    cell: c,
-                    first,
-                    end,
-                });
+            search.blocks_near::<L>(cell as usize, &from_cell, |block| {
+                search.points_near::<L>(block, &from_cell, &mut found);
+            });
+            let end = self.fours.len() as u32;
+            if end > first {
+                self.groups.push(Group { cell, first, end });
             }
         }
+        depths
+    }
+}
+
+/// Where the near points of one cell are put.
+struct FoundInCell<'a> {
+    near: &'a mut NearPoints,
+    /// Places of the last four that hold a point.
+    filled: usize,
+    deeper: f32,
+    depths: &'a mut Depths,
+}
+
+impl FoundInCell<'_> {
+    fn put(&mut self, block: &BlockPoints, k: usize, distance: f32) {
+        self.depths.add(-distance);
+        let near = &mut *self.near;
+        if -distance <= self.deeper || near.n_points == near.n_room {
+            return;
+        }
+        if self.filled == LANES {
+            // The cells are no more than their room, so that neither is this.
+            near.fours.push(NearFour::EMPTY);
+            self.filled = 0;
+        }
+        let (Some(four), at) = (near.fours.last_mut(), self.filled) else {
+            return;
+        };
+        for (to, from) in four.weights.iter_mut().zip(block.weights) {
+            to[at] = from[k];
+        }
+        for (to, from) in four.normals.iter_mut().zip(block.normals) {
+            to[at] = from[k];
+        }
+        four.areas[at] = block.areas[k];
+        four.places[at] = (block.first + k) as u32;
+        four.ids[at] = block.ids[k];
+        self.filled += 1;
+        near.n_points += 1;
     }
 }
 
@@ -250,10 +323,11 @@ impl NearCells {
     }
 
     /// Finds the cells whose volumes may hold points near the shape, ascending.
-    fn find(&mut self, shape: &RigidShape, world_from_shape: &Pose, volumes: &BoundingVolumes) {
+    fn find(&mut self, search: &Search, world_from_shape: &Pose) {
         self.cells.clear();
         self.next_stamp();
         let (cells, places, stamp) = (&mut self.cells, &mut self.seen, self.stamp);
+        let (shape, volumes) = (search.shape, search.scene.volumes);
         volumes_about(shape, world_from_shape, volumes, 0.0, |c, may_touch| {
             let now = Seen { cell: c, stamp };
             let place = c as usize % places.len().max(1);
@@ -300,14 +374,13 @@ fn volumes_about(
     way: f32,
     mut visit: impl FnMut(u32, &dyn Fn() -> bool),
 ) {
-    let shape_from_world = world_from_shape.inverse();
+    let into = IntoShape::new(world_from_shape);
     let reach = f64::from(way + reach_beyond(shape));
     for slice in slices(&shape.bounds) {
         let query = slice.moved(world_from_shape).grown(reach);
         volumes.query(&query, |c, volume| {
             let may_touch = || {
-                let centre = shape_from_world * nalgebra::Point3::from(volume.centre());
-                let centre = centre.coords.map(|v| v as f32).into();
+                let centre = into.point(&volume.centre());
                 let radius = (0.5 * volume.extent().norm()) as f32;
                 !ball_is_away(shape, centre, radius + way + ROUNDING)
             };
@@ -328,18 +401,6 @@ fn slices(bounds: &Aabb) -> [Aabb; SLICES] {
     })
 }
 
-fn cell_is_away(shape: &RigidShape, m: &Matrix3x4<f32>, overhang: f32) -> bool {
-    let centre = m.column_mean();
-    let radius2 = m
-        .column_iter()
-        .fold(0.0f32, |r, p| r.max((p - centre).norm_squared()));
-    ball_is_away(
-        shape,
-        centre.into(),
-        (1.0 + 4.0 * overhang) * radius2.sqrt(),
-    )
-}
-
 /// How far outside a shape points matter \[mm\]: the margin, and what a thin blade shadows on its far side.
 fn reach_beyond(shape: &RigidShape) -> f32 {
     let shadow = if shape.sided.is_some() {
@@ -352,71 +413,100 @@ fn reach_beyond(shape: &RigidShape) -> f32 {
 
 /// Whether no point of a ball can be near the shape.
 fn ball_is_away(shape: &RigidShape, centre: [f32; 3], radius: f32) -> bool {
-    let radius = radius + reach_beyond(shape);
-    let beside = (0..3).any(|k| {
-        centre[k] + radius < shape.bounds.min[k] as f32 - ROUNDING
-            || centre[k] - radius > shape.bounds.max[k] as f32 + ROUNDING
-    });
+    balls_away(shape, centre, radius)
+}
+
+/// Which balls hold no point that can be near the shape.
+fn balls_away<L: Lanes>(shape: &RigidShape, centre: [L; 3], radius: L) -> L::Mask {
+    let radius = radius + L::splat(reach_beyond(shape));
+    let zero = L::splat(0.0);
+    let mut beside = zero.less(zero);
+    for (k, c) in centre.into_iter().enumerate() {
+        let low = L::splat(shape.bounds.min[k] as f32 - ROUNDING);
+        let high = L::splat(shape.bounds.max[k] as f32 + ROUNDING);
+        beside = beside | (c + radius).less(low) | high.less(c - radius);
+    }
     // The distance to a convex body is convex, so that interpolation only ever adds to it, and only here does it mislead.
-    let away = |s: DistanceSample| s.distance > radius + shape.field.error_bound();
-    beside || shape.field.look_up(centre).is_some_and(away)
+    let found = shape.field.look_up_in(centre, zero.at_least(zero));
+    let enough = radius + L::splat(shape.field.error_bound());
+    beside | (found.known & enough.less(found.distance))
 }
 
-struct CellQuery<'a> {
+/// What points are looked for near.
+struct Search<'a> {
     shape: &'a RigidShape,
-    m: &'a Matrix3x4<f32>,
-    /// Of the edges from the first node to each.
-    lengths: [f32; 4],
-    shape_from_world: &'a Pose,
+    into: IntoShape,
+    scene: &'a ContactScene<'a>,
 }
 
-impl CellQuery<'_> {
-    fn is_away(&self, extent: &BlockExtent) -> bool {
-        let centre = self.m * nalgebra::Vector4::from(extent.centre);
-        let radius: f32 = (0..4).map(|k| extent.reach[k] * self.lengths[k]).sum();
-        ball_is_away(self.shape, centre.into(), radius + ROUNDING)
+impl Search<'_> {
+    fn cell_is_away(&self, from_cell: &FromCell, overhang: f32) -> bool {
+        let (centre, radius) = from_cell.ball();
+        ball_is_away(self.shape, centre, (1.0 + 4.0 * overhang) * radius)
     }
 
-    fn collect(
+    /// Calls `visit` with the blocks of a cell that may hold near points.
+    fn blocks_near<L: Lanes>(
+        &self,
+        cell: usize,
+        from_cell: &FromCell,
+        mut visit: impl FnMut(&BlockPoints),
+    ) {
+        let shell = self.scene.shell;
+        let blocks = shell.blocks(cell);
+        let lengths = from_cell.lengths().map(L::splat);
+        for some in blocks.chunks(L::N) {
+            let of = |l: usize| some.get(l).unwrap_or(&some[0]).extent();
+            let centre = from_cell.places(L::columns(|l| of(l).centre));
+            let reach = L::columns(|l| of(l).reach);
+            let radius = (reach[0] * lengths[0] + reach[1] * lengths[1])
+                + (reach[2] * lengths[2] + reach[3] * lengths[3]);
+            let away = balls_away(self.shape, centre, radius + L::splat(ROUNDING));
+            let near = !L::bits(away) & ((1 << some.len()) - 1);
+            for l in set_bits(near) {
+                if let Some(block) = shell.points_of(&some[l]) {
+                    visit(&block);
+                }
+            }
+        }
+    }
+
+    fn points_near<L: Lanes>(
         &self,
         block: &BlockPoints,
-        deeper: f32,
-        depths: &mut Depths,
-        points: &mut Vec<NearPoint>,
+        from_cell: &FromCell,
+        found: &mut FoundInCell,
     ) {
-        let mut q = [[0.0f32; BLOCK]; 3];
-        transform(self.m, block.weights, &mut q);
-        let [x, y, z] = &q;
-        let positions = x.iter().zip(y).zip(z).map(|((x, y), z)| [*x, *y, *z]);
-        for (k, position) in positions.enumerate().take(block.ids.len()) {
-            let normal = &block.normals[k];
-            let wall = wall_normal(self.shape, self.shape_from_world, normal);
-            let Some(sample) = self.shape.nearness(position, wall.as_ref(), MARGIN) else {
-                continue;
-            };
-            depths.add(-sample.distance);
-            if -sample.distance > deeper && points.len() < points.capacity() {
-                points.push(NearPoint {
-                    weights: [0, 1, 2, 3].map(|c: usize| block.weights[c][k]),
-                    normal: *normal,
-                    area: block.areas[k],
-                    place: (block.first + k) as u32,
-                    id: block.ids[k],
-                });
+        let n = block.ids.len();
+        let ([a, b, c, d], [x, y, z]) = (block.weights, block.normals);
+        for first in (0..n).step_by(LANES) {
+            let four = |list| four(list, first);
+            let weights = [four(a), four(b), four(c), four(d)];
+            let normals = [four(x), four(y), four(z)];
+            let n_left = n - first;
+            for at in (0..LANES.min(n_left)).step_by(L::N) {
+                let position = from_cell.place::<L>(weights, at);
+                let facing = self.into.facing::<L>(self.shape, normals, at);
+                let samples = self.shape.nearness(position, facing, MARGIN);
+                let near = L::bits(samples.distance.less(L::splat(MARGIN))) << at;
+                let near = near & ((1 << n_left.min(LANES)) - 1);
+                if near == 0 {
+                    continue;
+                }
+                let mut distance = [0.0; LANES];
+                samples.distance.store(&mut distance, at);
+                for k in set_bits(near) {
+                    found.put(block, first + k, distance[k]);
+                }
             }
         }
     }
 }
 
-/// `q = M N` for a block of points; straight loops over slices, so that the compiler vectorises them.
-fn transform(m: &Matrix3x4<f32>, weights: [&[f32]; 4], q: &mut [[f32; BLOCK]; 3]) {
-    let [a, b, c, d] = weights;
-    for (row, out) in q.iter_mut().enumerate() {
-        let [ma, mb, mc, md] = [m[(row, 0)], m[(row, 1)], m[(row, 2)], m[(row, 3)]];
-        let ab = a.iter().zip(b).map(|(a, b)| ma * a + mb * b);
-        let cd = c.iter().zip(d).map(|(c, d)| mc * c + md * d);
-        for (out, (ab, cd)) in out.iter_mut().zip(ab.zip(cd)) {
-            *out = ab + cd;
-        }
-    }
+/// Four numbers of a list.
+#[inline]
+fn four(from: &[f32], first: usize) -> &[f32; LANES] {
+    from.get(first..)
+        .and_then(<[f32]>::first_chunk)
+        .unwrap_or(&[f32::NAN; LANES])
 }

@@ -1,4 +1,4 @@
-use crate::geometry::Vec3;
+use crate::geometry::{LANES, Vec3};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -90,23 +90,30 @@ pub struct PointShell {
     blocks: Vec<Block>,
     overhang: Vec<f32>,
     ids: Vec<u32>,
+    /// Some numbers longer than the others, so that the last can be read four at a time.
     weights: [Vec<f32>; 4],
     areas: Vec<f32>,
-    /// Wall normals; zero for surface points.
-    normals: Vec<[f32; 3]>,
+    /// Wall normals, a list an axis; zero for surface points. Longer, too.
+    normals: [Vec<f32>; 3],
     /// One past the highest id.
     n_ids: usize,
 }
 
 /// Points per block: few enough to be close together, enough to fill vector registers.
-pub(super) const BLOCK: usize = 16;
+const BLOCK: usize = 16;
 
 /// Up to [`BLOCK`] neighbouring points of one cell.
 #[derive(Clone, Copy, Debug)]
-struct Block {
+pub(super) struct Block {
     first: u32,
     len: u32,
     extent: BlockExtent,
+}
+
+impl Block {
+    pub fn extent(&self) -> &BlockExtent {
+        &self.extent
+    }
 }
 
 /// Where the shape functions of a block's points lie: within `reach` of `centre`, each.
@@ -124,11 +131,12 @@ pub(super) struct BlockExtent {
 pub(super) struct BlockPoints<'a> {
     /// Place of the first in the shell's arrays.
     pub first: usize,
-    pub extent: &'a BlockExtent,
+    /// In whole fours: beyond the last point come others.
     pub weights: [&'a [f32]; 4],
     pub areas: &'a [f32],
     pub ids: &'a [u32],
-    pub normals: &'a [[f32; 3]],
+    /// In whole fours, too.
+    pub normals: [&'a [f32]; 3],
 }
 
 impl PointShell {
@@ -162,6 +170,9 @@ impl PointShell {
             next.push(points, cells);
         }
         next.copy(self, from..self.n_cells());
+        for list in next.weights.iter_mut().chain(&mut next.normals) {
+            list.resize(next.ids.len() + LANES - 1, 0.0);
+        }
         next
     }
 
@@ -186,8 +197,10 @@ impl PointShell {
         for (own, other) in self.weights.iter_mut().zip(&other.weights) {
             own.extend_from_slice(&other[points.clone()]);
         }
-        self.areas.extend_from_slice(&other.areas[points.clone()]);
-        self.normals.extend_from_slice(&other.normals[points]);
+        for (own, other) in self.normals.iter_mut().zip(&other.normals) {
+            own.extend_from_slice(&other[points.clone()]);
+        }
+        self.areas.extend_from_slice(&other.areas[points]);
     }
 
     /// Appends cells with their points.
@@ -221,7 +234,9 @@ impl PointShell {
             own.push(w);
         }
         self.areas.push(point.area);
-        self.normals.push(normal(point));
+        for (own, n) in self.normals.iter_mut().zip(normal(point)) {
+            own.push(n);
+        }
     }
 
     fn block_range(&self, cells: Range<usize>) -> Range<usize> {
@@ -281,38 +296,40 @@ impl PointShell {
 
     /// Wall normal of the point at place `k` of the sorted list: zero for points of the surface; `None` beyond its end.
     pub fn normal(&self, k: usize) -> Option<[f32; 3]> {
-        self.normals.get(k).copied()
+        let [x, y, z] = &self.normals;
+        (k < self.len()).then(|| [x[k], y[k], z[k]])
     }
 
     /// The shape functions of the point at place `k` of the sorted list; `None` beyond its end.
     pub fn weights(&self, k: usize) -> Option<[f32; 4]> {
         let [a, b, c, d] = &self.weights;
-        Some([*a.get(k)?, *b.get(k)?, *c.get(k)?, *d.get(k)?])
+        (k < self.len()).then(|| [a[k], b[k], c[k], d[k]])
     }
 
     /// The blocks of cell `c`; none if there is no such cell.
-    pub(super) fn blocks(&self, c: usize) -> impl Iterator<Item = BlockPoints<'_>> {
+    pub(super) fn blocks(&self, c: usize) -> &[Block] {
         let bound = |c: usize| self.first_block.get(c).map_or(0, |&b| b as usize);
-        let blocks = self.blocks.get(bound(c)..bound(c + 1)).unwrap_or(&[]);
-        blocks.iter().filter_map(|b| self.points_of(b))
+        self.blocks.get(bound(c)..bound(c + 1)).unwrap_or(&[])
     }
 
-    fn points_of<'a>(&'a self, block: &'a Block) -> Option<BlockPoints<'a>> {
+    /// The points of a block of this shell.
+    pub(super) fn points_of(&self, block: &Block) -> Option<BlockPoints<'_>> {
         let first = block.first as usize;
         let range = first..first + block.len as usize;
+        let fours = first..first + (block.len as usize).next_multiple_of(LANES);
         let [a, b, c, d] = &self.weights;
+        let [x, y, z] = &self.normals;
         Some(BlockPoints {
             first,
-            extent: &block.extent,
             weights: [
-                a.get(range.clone())?,
-                b.get(range.clone())?,
-                c.get(range.clone())?,
-                d.get(range.clone())?,
+                a.get(fours.clone())?,
+                b.get(fours.clone())?,
+                c.get(fours.clone())?,
+                d.get(fours.clone())?,
             ],
+            normals: [x.get(fours.clone())?, y.get(fours.clone())?, z.get(fours)?],
             areas: self.areas.get(range.clone())?,
-            ids: self.ids.get(range.clone())?,
-            normals: self.normals.get(range)?,
+            ids: self.ids.get(range)?,
         })
     }
 }
@@ -372,10 +389,8 @@ mod tests {
         let shell = PointShell::group(&points, &[2, 0, u32::MAX, 2, 9, 0], 3);
         assert_eq!((shell.len(), shell.n_cells(), shell.n_ids()), (4, 3, 6));
         let ids = |c| {
-            shell
-                .blocks(c)
-                .flat_map(|b| b.ids.to_vec())
-                .collect::<Vec<_>>()
+            let blocks = shell.blocks(c).iter().filter_map(|b| shell.points_of(b));
+            blocks.flat_map(|b| b.ids.to_vec()).collect::<Vec<_>>()
         };
         assert_eq!(ids(0), [1, 5]);
         assert!(shell.cell_is_empty(1));
@@ -394,16 +409,15 @@ mod tests {
         let mut widest = 0.0f32;
         for c in 0..shell.n_cells() {
             for block in shell.blocks(c) {
+                let (extent, block) = (block.extent, shell.points_of(block).unwrap());
                 for i in 0..block.ids.len() {
                     for k in 0..4 {
-                        let off = (block.weights[k][i] - block.extent.centre[k]).abs();
-                        assert!(off <= block.extent.reach[k] + 1e-6);
+                        let off = (block.weights[k][i] - extent.centre[k]).abs();
+                        assert!(off <= extent.reach[k] + 1e-6);
                         assert_eq!(cells[block.ids[i] as usize], c as u32);
                     }
                 }
-                widest = block.extent.reach[1..]
-                    .iter()
-                    .fold(widest, |w, r| w.max(*r));
+                widest = extent.reach[1..].iter().fold(widest, |w, r| w.max(*r));
             }
         }
         assert!(widest < 0.5, "{widest}: a block spans its whole cell");

@@ -1,6 +1,8 @@
+use super::near::NearFour;
 use super::{BoundingVolumes, NearPoints, PointShell, RigidShape};
-use crate::geometry::{Pose, Vec3};
+use crate::geometry::{DistanceSamples, LANES, Lanes, Pose, Vec3, set_bits};
 use nalgebra::Matrix3x4;
+use wide::f32x4;
 
 /// What a tool sees of the bone.
 #[derive(Clone, Copy, Debug)]
@@ -51,65 +53,182 @@ pub fn penetrations(
     near: &NearPoints,
     contacts: &mut Vec<Contact>,
 ) {
+    penetrations_in::<f32x4>(shape, world_from_shape, scene, near, contacts);
+}
+
+/// As [`penetrations`], with so many points at a time.
+pub fn penetrations_in<L: Lanes>(
+    shape: &RigidShape,
+    world_from_shape: &Pose,
+    scene: &ContactScene,
+    near: &NearPoints,
+    contacts: &mut Vec<Contact>,
+) {
     contacts.clear();
-    let shape_from_world = world_from_shape.inverse();
+    let into = IntoShape::new(world_from_shape);
     for group in near.groups() {
         let Some(d) = scene.deformation.get(group.cell as usize) else {
             continue;
         };
-        let m = shape_from_cell(&shape_from_world, d);
-        for p in near.points(group) {
-            let position = at(&m, &p.weights);
-            let wall = wall_normal(shape, &shape_from_world, &p.normal);
-            let Some(sample) = shape.penetration(position, wall.as_ref()) else {
-                continue;
-            };
-            if contacts.len() == contacts.capacity() {
-                return;
+        let from_cell = into.cell::<L>(d);
+        for points in near.points(group) {
+            for at in (0..LANES).step_by(L::N) {
+                let ([a, b, c, d], [x, y, z]) = (&points.weights, &points.normals);
+                let position = from_cell.place::<L>([a, b, c, d], at);
+                let facing = into.facing::<L>(shape, [x, y, z], at);
+                let found = shape.inside(position, facing);
+                let hits = L::bits(found.distance.less(L::splat(0.0)));
+                if hits != 0 {
+                    let hits = hits << at;
+                    keep::<L>(group.cell, points, at, hits, position, &found, contacts);
+                }
             }
-            contacts.push(Contact {
-                cell: group.cell,
-                place: p.place,
-                id: p.id,
-                area: p.area,
-                depth: -sample.distance,
-                gradient: sample.gradient,
-                position,
-                friction: [0.0; 3],
-                anchor: position,
-            });
         }
     }
 }
 
-/// `M = shape_from_world D`: takes shape functions straight to the shape's frame (paper eq. 9).
-pub(super) fn shape_from_cell(shape_from_world: &Pose, d: &Matrix3x4<f32>) -> Matrix3x4<f32> {
-    let mut m = Matrix3x4::zeros();
-    for (to, from) in m.column_iter_mut().zip(d.column_iter()) {
-        let p = from.map(f64::from);
-        let q = shape_from_world.rotation * p + shape_from_world.translation.vector;
-        { to }.copy_from(&q.map(|v| v as f32));
+/// Appends the contacts of the places in `hits`, while there is room.
+fn keep<L: Lanes>(
+    cell: u32,
+    points: &NearFour,
+    at: usize,
+    hits: u32,
+    position: [L; 3],
+    found: &DistanceSamples<L>,
+    contacts: &mut Vec<Contact>,
+) {
+    let spread = |v: L| {
+        let mut four = [0.0; LANES];
+        v.store(&mut four, at);
+        four
+    };
+    let ([x, y, z], [u, v, w]) = (position, found.gradient);
+    let (x, y, z) = (spread(x), spread(y), spread(z));
+    let (u, v, w) = (spread(u), spread(v), spread(w));
+    let distance = spread(found.distance);
+    for k in set_bits(hits) {
+        if contacts.len() == contacts.capacity() {
+            return;
+        }
+        let position = [x[k], y[k], z[k]];
+        contacts.push(Contact {
+            cell,
+            place: points.places[k],
+            id: points.ids[k],
+            area: points.areas[k],
+            depth: -distance[k],
+            gradient: [u[k], v[k], w[k]],
+            position,
+            friction: [0.0; 3],
+            anchor: position,
+        });
     }
-    m
 }
 
-/// `M N` for one point, summed as [`transform`] does.
-fn at(m: &Matrix3x4<f32>, weights: &[f32; 4]) -> [f32; 3] {
-    let [a, b, c, d] = *weights;
-    std::array::from_fn(|row| {
-        let [ma, mb, mc, md] = [m[(row, 0)], m[(row, 1)], m[(row, 2)], m[(row, 3)]];
-        (ma * a + mb * b) + (mc * c + md * d)
-    })
+/// The way from the world into a shape's frame.
+pub(super) struct IntoShape {
+    /// Of the rotation.
+    rows: [[f32; 3]; 3],
+    origin: Vec3,
 }
 
-/// A wall's normal in the frame of a shape that asks for it.
-pub(super) fn wall_normal(
-    shape: &RigidShape,
-    shape_from_world: &Pose,
-    normal: &[f32; 3],
-) -> Option<[f32; 3]> {
-    (shape.sided.is_some() && *normal != [0.0; 3]).then(|| {
-        let turned = shape_from_world.rotation * Vec3::from(normal.map(f64::from));
-        turned.map(|v| v as f32).into()
-    })
+impl IntoShape {
+    pub fn new(world_from_shape: &Pose) -> Self {
+        let turn = world_from_shape.rotation.to_rotation_matrix();
+        Self {
+            rows: [0, 1, 2].map(|r| [0, 1, 2].map(|k| turn[(k, r)] as f32)),
+            origin: world_from_shape.translation.vector,
+        }
+    }
+
+    /// `shape_from_world D` (paper, equation 9). About the shape's origin, so that f32 is fine enough near it.
+    #[inline]
+    pub fn cell<L: Lanes>(&self, d: &Matrix3x4<f32>) -> FromCell {
+        let axis = |axis: usize| {
+            let about = |k: usize| (f64::from(d[(axis, k)]) - self.origin[axis]) as f32;
+            [about(0), about(1), about(2), about(3)]
+        };
+        let (x, y, z) = (axis(0), axis(1), axis(2));
+        let row = |r: &[f32; 3]| {
+            let mut row = [0.0; LANES];
+            for at in (0..LANES).step_by(L::N) {
+                let (x, y, z) = (L::load(&x, at), L::load(&y, at), L::load(&z, at));
+                let turned = L::splat(r[0]) * x + L::splat(r[1]) * y + L::splat(r[2]) * z;
+                turned.store(&mut row, at);
+            }
+            row
+        };
+        let [a, b, c] = &self.rows;
+        FromCell([row(a), row(b), row(c)])
+    }
+
+    /// A place of the world.
+    pub fn point(&self, p: &Vec3) -> [f32; 3] {
+        let [x, y, z] = [0, 1, 2].map(|k| (p[k] - self.origin[k]) as f32);
+        self.rows.map(|r| r[0] * x + r[1] * y + r[2] * z)
+    }
+
+    /// How much walls look to a blade's +y.
+    #[inline]
+    pub fn facing<L: Lanes>(
+        &self,
+        shape: &RigidShape,
+        normals: [&[f32; LANES]; 3],
+        at: usize,
+    ) -> L {
+        if shape.sided.is_none() {
+            return L::splat(0.0);
+        }
+        let [x, y, z] = normals;
+        let (x, y, z) = (L::load(x, at), L::load(y, at), L::load(z, at));
+        let r = &self.rows[1];
+        L::splat(r[0]) * x + L::splat(r[1]) * y + L::splat(r[2]) * z
+    }
+}
+
+/// Takes shape functions of a cell straight to a shape's frame: a row an axis, a column a node.
+pub(super) struct FromCell([[f32; LANES]; 3]);
+
+impl FromCell {
+    /// Where points with these shape functions are.
+    #[inline]
+    pub fn place<L: Lanes>(&self, weights: [&[f32; LANES]; 4], at: usize) -> [L; 3] {
+        let [a, b, c, d] = weights;
+        let load = |w: &[f32; LANES]| L::load(w, at);
+        self.places([load(a), load(b), load(c), load(d)])
+    }
+
+    /// Likewise.
+    #[inline]
+    pub fn places<L: Lanes>(&self, weights: [L; 4]) -> [L; 3] {
+        let [a, b, c, d] = weights;
+        let along = |row: &[f32; LANES]| {
+            let splat = |k: usize| L::splat(row[k]);
+            (splat(0) * a + splat(1) * b) + (splat(2) * c + splat(3) * d)
+        };
+        let [x, y, z] = &self.0;
+        [along(x), along(y), along(z)]
+    }
+
+    /// The node in the middle of the others, and how far the farthest is from there.
+    pub fn ball(&self) -> ([f32; 3], f32) {
+        let centre = self.0.map(|row| 0.25 * row.iter().sum::<f32>());
+        let away = |k: usize| {
+            (0..3)
+                .map(|r| (self.0[r][k] - centre[r]).powi(2))
+                .sum::<f32>()
+        };
+        let radius2 = (0..4).map(away).fold(0.0, f32::max);
+        (centre, radius2.sqrt())
+    }
+
+    /// Lengths of the edges from the first node to each.
+    pub fn lengths(&self) -> [f32; 4] {
+        let way = |k: usize| {
+            (0..3)
+                .map(|r| (self.0[r][k] - self.0[r][0]).powi(2))
+                .sum::<f32>()
+        };
+        [0, 1, 2, 3].map(|k| way(k).sqrt())
+    }
 }

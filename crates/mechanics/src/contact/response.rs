@@ -1,6 +1,7 @@
 use super::{Anchors, Contact, ContactScene, Matrix6, Vector6, Wrench};
-use crate::geometry::{Pose, Vec3};
+use crate::geometry::{LANES, Pose, Vec3};
 use nalgebra::Matrix3;
+use wide::{f32x4, f64x4};
 
 /// How hard bone and steel push and rub. Check with [`ContactLaw::new`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -117,189 +118,277 @@ pub fn respond(
     world_from_tool: &Pose,
 ) -> Response {
     let mut sum = Sum::default();
-    for contact in contacts {
-        let share = Share::of(contact, law, anchors.get(contact.id));
-        contact.friction = [0, 1, 2].map(|k| share.friction[k] as f32);
-        contact.anchor = [0, 1, 2].map(|k| share.anchor[k] as f32);
-        sum.add(&share);
+    for some in contacts.chunks_mut(LANES) {
+        let four = Four::of(some, anchors);
+        let rub = four.rub(law);
+        sum.add(&four, &rub, law);
+        rub.keep(some);
     }
     sum.in_world(world_from_tool)
 }
 
-/// The part of one contact, in the tool's frame.
-struct Share {
-    position: Vec3,
-    gradient: Vec3,
-    /// k A \[N/mm\]
-    stiffness: f64,
-    depth: f64,
+/// Four contacts in the tool's frame; fewer at the end, then some have no area.
+struct Four {
+    position: [f32x4; 3],
+    gradient: [f32x4; 3],
+    area: f32x4,
+    depth: f32x4,
+    anchor: [f32x4; 3],
+    /// Which have an anchor.
+    tied: f32x4,
+}
+
+/// Friction of four contacts.
+struct Rub {
     /// On the bone.
-    friction: Vec3,
-    anchor: Vec3,
-    /// Tangential stiffness along and across the way from the anchor \[N/mm\], and its direction.
-    tangent: Option<Tangent>,
+    force: [f32x4; 3],
+    anchor: [f32x4; 3],
+    normal: [f32x4; 3],
+    /// Direction of the way from the anchor.
+    slide: [f32x4; 3],
+    /// Tangential stiffness along that and across it \[N/mm\]; nothing for those without an anchor.
+    along: f32x4,
+    across: f32x4,
 }
 
-struct Tangent {
-    normal: Vec3,
-    slide: Vec3,
-    along: f64,
-    across: f64,
-}
-
-impl Share {
-    fn of(contact: &Contact, law: &ContactLaw, anchor: Option<[f32; 3]>) -> Self {
-        let position = to_f64(contact.position);
-        let gradient = to_f64(contact.gradient);
-        let area = f64::from(contact.area);
-        let mut share = Self {
-            position,
-            gradient,
-            stiffness: law.stiffness * area,
-            depth: f64::from(contact.depth),
-            friction: Vec3::zeros(),
-            anchor: position,
-            tangent: None,
-        };
-        if let Some(anchor) = anchor {
-            share.cling(&to_f64(anchor), law, law.tangential_stiffness * area);
+impl Four {
+    fn of(contacts: &[Contact], anchors: &Anchors) -> Self {
+        // A contact's numbers in threes of four, those of four contacts then turned into lanes.
+        let mut rows = [[f32x4::ZERO; LANES]; 3];
+        for (k, c) in contacts.iter().enumerate().take(LANES) {
+            let anchor = anchors.get(c.id);
+            let [px, py, pz] = c.position;
+            let [gx, gy, gz] = c.gradient;
+            let [ax, ay, az] = anchor.unwrap_or(c.position);
+            let tied = f32::from(u8::from(anchor.is_some()));
+            rows[0][k] = f32x4::new([px, py, pz, c.area]);
+            rows[1][k] = f32x4::new([gx, gy, gz, c.depth]);
+            rows[2][k] = f32x4::new([ax, ay, az, tied]);
         }
-        share
-    }
-
-    /// Ties the point to its anchor with a spring of `spring` \[N/mm\].
-    fn cling(&mut self, anchor: &Vec3, law: &ContactLaw, spring: f64) {
-        self.anchor = *anchor;
-        let steepness = self.gradient.norm();
-        if steepness < 1e-3 {
-            return;
-        }
-        let normal = self.gradient / steepness;
-        let way = self.position - anchor;
-        let slip = way - normal * normal.dot(&way);
-        let length = slip.norm();
-        let limit = law.friction * self.stiffness * self.depth * steepness;
-        let sticks = spring * length <= limit;
-        let scale = if sticks { spring } else { limit / length };
-        self.friction = -slip * scale;
-        if !sticks {
-            self.anchor = self.position - slip * (scale / spring);
-        }
-        self.tangent = Some(Tangent {
-            normal,
-            slide: if length > 0.0 { slip / length } else { slip },
-            along: if sticks { spring } else { 0.0 },
-            across: scale,
-        });
-    }
-
-    /// Of the penalty, on the bone.
-    fn normal_force(&self) -> Vec3 {
-        self.gradient * (self.stiffness * self.depth)
-    }
-}
-
-/// Sums in the tool's frame.
-struct Sum {
-    normal: Vector6,
-    friction: Vector6,
-    energy: f64,
-    stiffness: Matrix6,
-    /// `sum f r^T` with f the force on the tool.
-    virial: Matrix3<f64>,
-}
-
-impl Default for Sum {
-    fn default() -> Self {
+        let [position, gradient, anchor] = rows;
+        let [px, py, pz, area] = f32x4::transpose(position);
+        let [gx, gy, gz, depth] = f32x4::transpose(gradient);
+        let [ax, ay, az, tied] = f32x4::transpose(anchor);
         Self {
-            normal: Vector6::zeros(),
-            friction: Vector6::zeros(),
-            energy: 0.0,
-            stiffness: Matrix6::zeros(),
-            virial: Matrix3::zeros(),
+            position: [px, py, pz],
+            gradient: [gx, gy, gz],
+            area,
+            depth,
+            anchor: [ax, ay, az],
+            tied: tied.simd_gt(f32x4::ZERO),
         }
     }
+
+    /// Ties each point to its anchor with a spring, and lets it slide where that pulls too hard.
+    fn rub(&self, law: &ContactLaw) -> Rub {
+        let [zero, one] = [f32x4::ZERO, f32x4::ONE];
+        let steepness = dot(&self.gradient, &self.gradient).sqrt();
+        let tied = self.tied & steepness.simd_ge(f32x4::splat(1e-3));
+        let normal = scaled(&self.gradient, one / tied.select(steepness, one));
+        let way = minus(&self.position, &self.anchor);
+        let along = |v: &[f32x4; 3]| minus(v, &scaled(&normal, dot(&normal, v)));
+        // Twice: of a way that is nearly all depth, rounding would leave a part along the normal.
+        let slip = along(&along(&way));
+        let length = dot(&slip, &slip).sqrt();
+        let is_long = length.simd_gt(zero);
+        let slide = scaled(&slip, one / is_long.select(length, one));
+        let spring = self.area * f32x4::splat(law.tangential_stiffness as f32);
+        let push = self.area * f32x4::splat(law.stiffness as f32) * self.depth;
+        let limit = push * steepness * f32x4::splat(law.friction as f32);
+        let slides = (spring * length).simd_gt(limit);
+        let scale = slides.select(limit / is_long.select(length, one), spring);
+        let across = tied.select(scale, zero);
+        let dragged = minus(&self.position, &scaled(&slip, scale / spring));
+        let moves = tied & slides;
+        let pick = |k: usize| moves.select(dragged[k], self.anchor[k]);
+        let anchor = [pick(0), pick(1), pick(2)];
+        Rub {
+            force: scaled(&slip, -across),
+            anchor,
+            normal,
+            slide,
+            along: slides.select(zero, across),
+            across,
+        }
+    }
+}
+
+impl Rub {
+    fn keep(&self, contacts: &mut [Contact]) {
+        let (force, anchor) = (
+            self.force.map(f32x4::to_array),
+            self.anchor.map(f32x4::to_array),
+        );
+        for (k, c) in contacts.iter_mut().enumerate() {
+            c.friction = force.map(|f| f[k]);
+            c.anchor = anchor.map(|a| a[k]);
+        }
+    }
+}
+
+fn dot(a: &[f32x4; 3], b: &[f32x4; 3]) -> f32x4 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: &[f32x4; 3], b: &[f32x4; 3]) -> [f32x4; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+fn scaled(v: &[f32x4; 3], by: f32x4) -> [f32x4; 3] {
+    [v[0] * by, v[1] * by, v[2] * by]
+}
+
+fn minus(a: &[f32x4; 3], b: &[f32x4; 3]) -> [f32x4; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// Sums in the tool's frame, a lane each. What decides on rest is summed in f64; stiffness only leads the way there.
+#[derive(Default)]
+struct Sum {
+    /// Forces on the tool, then torques.
+    normal: [f64x4; 6],
+    friction: [f64x4; 6],
+    energy: f64x4,
+    stiffness: StiffnessSum,
+    /// `sum f r^T` with f the force on the tool.
+    virial: [[f32x4; 3]; 3],
+}
+
+/// `sum j S j^T` for the motion j of a point by the tool's, `S` its 3 x 3 stiffness, in blocks.
+#[derive(Default)]
+struct StiffnessSum {
+    /// Of forces by translations.
+    linear: [[f32x4; 3]; 3],
+    /// Of torques by translations.
+    mixed: [[f32x4; 3]; 3],
+    /// Of torques by rotations.
+    angular: [[f32x4; 3]; 3],
 }
 
 impl Sum {
-    fn add(&mut self, share: &Share) {
-        let normal = -share.normal_force();
-        let friction = -share.friction;
-        let r = share.position;
-        self.normal += with_moment(&r, &normal);
-        self.friction += with_moment(&r, &friction);
-        self.energy += 0.5 * share.stiffness * share.depth * share.depth;
-        self.virial += (normal + friction) * r.transpose();
-        self.stiffen(share.stiffness, &with_moment(&r, &share.gradient));
-        if let Some(t) = &share.tangent {
-            self.stiffen_tangent(t, &r);
-        }
-    }
-
-    fn stiffen_tangent(&mut self, t: &Tangent, r: &Vec3) {
-        // Across in every tangential direction, the difference to `along` taken off along the slide.
-        let (u, v) = tangents(&t.normal);
-        self.stiffen(t.across, &with_moment(r, &u));
-        self.stiffen(t.across, &with_moment(r, &v));
-        self.stiffen(t.along - t.across, &with_moment(r, &t.slide));
-    }
-
-    /// Adds `k j j^T` to the upper triangle.
-    fn stiffen(&mut self, k: f64, j: &Vector6) {
-        if k == 0.0 {
-            return;
-        }
-        for column in 0..6 {
-            let kj = k * j[column];
-            for row in 0..=column {
-                self.stiffness[(row, column)] += kj * j[row];
+    fn add(&mut self, four: &Four, rub: &Rub, law: &ContactLaw) {
+        let stiffness = four.area * f32x4::splat(law.stiffness as f32);
+        let push = stiffness * four.depth;
+        let normal = scaled(&four.gradient, -push);
+        let friction = scaled(&rub.force, -f32x4::ONE);
+        let r = &four.position;
+        add_moment(&mut self.normal, r, &normal);
+        add_moment(&mut self.friction, r, &friction);
+        self.energy += wider(f32x4::splat(0.5) * push * four.depth);
+        for i in 0..3 {
+            for k in 0..3 {
+                self.virial[i][k] += (normal[i] + friction[i]) * r[k];
             }
         }
+        self.stiffness
+            .add(r, &point_stiffness(stiffness, &four.gradient, rub));
     }
 
-    fn in_world(mut self, world_from_tool: &Pose) -> Response {
-        self.stiffness.fill_lower_triangle_with_upper_triangle();
-        self.turn_with_tool();
+    fn in_world(self, world_from_tool: &Pose) -> Response {
+        let total = |v: [f64x4; 6]| Vector6::from(v.map(f64x4::reduce_add));
+        let (normal, friction) = (total(self.normal), total(self.friction));
+        let mut stiffness = self.stiffness.total();
+        turn_with_tool(&mut stiffness, &(normal + friction), &block(&self.virial));
         let turn = *world_from_tool.rotation.to_rotation_matrix().matrix();
         let mut both = Matrix6::zeros();
         both.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn);
         both.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
         Response {
-            normal: Wrench::from_vector(&(both * self.normal)),
-            friction: Wrench::from_vector(&(both * self.friction)),
-            energy: self.energy,
-            stiffness: both * self.stiffness * both.transpose(),
+            normal: Wrench::from_vector(&(both * normal)),
+            friction: Wrench::from_vector(&(both * friction)),
+            energy: self.energy.reduce_add(),
+            stiffness: both * stiffness * both.transpose(),
+        }
+    }
+}
+
+/// Of the penalty along the gradient, of friction in every tangential direction, and along the slide by the difference of both.
+fn point_stiffness(stiffness: f32x4, gradient: &[f32x4; 3], rub: &Rub) -> [[f32x4; 3]; 3] {
+    let (g, n, s) = (gradient, &rub.normal, &rub.slide);
+    let more = rub.along - rub.across;
+    let entry = |i: usize, k: usize| {
+        let own = if i == k { rub.across } else { f32x4::ZERO };
+        stiffness * g[i] * g[k] + (own - rub.across * n[i] * n[k]) + more * s[i] * s[k]
+    };
+    let (xy, xz, yz) = (entry(0, 1), entry(0, 2), entry(1, 2));
+    [
+        [entry(0, 0), xy, xz],
+        [xy, entry(1, 1), yz],
+        [xz, yz, entry(2, 2)],
+    ]
+}
+
+impl StiffnessSum {
+    fn add(&mut self, r: &[f32x4; 3], s: &[[f32x4; 3]; 3]) {
+        // S is symmetric, so that its columns are its rows.
+        let turned = [cross(r, &s[0]), cross(r, &s[1]), cross(r, &s[2])];
+        for i in 0..3 {
+            let mixed = [turned[0][i], turned[1][i], turned[2][i]];
+            let angular = cross(r, &mixed);
+            for k in 0..3 {
+                self.linear[i][k] += s[i][k];
+                self.mixed[i][k] += mixed[k];
+                self.angular[i][k] += angular[k];
+            }
         }
     }
 
-    /// The forces turn with the tool, and their levers shorten as it comes: with `df = w x f`, `dr = -u` the torque
-    /// `r x f` changes by `-u x f + r x (w x f)`. Subtracted, since `stiffness` is minus the derivative.
-    fn turn_with_tool(&mut self) {
-        let f: Vec3 = (self.normal + self.friction).fixed_rows::<3>(0).into();
-        let cross = f.cross_matrix();
-        let virial = 0.5 * (self.virial + self.virial.transpose());
-        let turn = Matrix3::from_diagonal_element(self.virial.trace()) - virial;
-        let mut add = |row, column, block: &Matrix3<f64>| {
-            let mut view = self.stiffness.fixed_view_mut::<3, 3>(row, column);
-            view += block;
-        };
-        add(0, 3, &cross);
-        add(3, 0, &-cross);
-        add(3, 3, &-turn);
+    fn total(&self) -> Matrix6 {
+        let [linear, mixed, angular] = [&self.linear, &self.mixed, &self.angular].map(block);
+        let angular = 0.5 * (angular + angular.transpose());
+        let mut all = Matrix6::zeros();
+        all.fixed_view_mut::<3, 3>(0, 0).copy_from(&linear);
+        all.fixed_view_mut::<3, 3>(3, 0).copy_from(&mixed);
+        all.fixed_view_mut::<3, 3>(0, 3)
+            .copy_from(&mixed.transpose());
+        all.fixed_view_mut::<3, 3>(3, 3).copy_from(&angular);
+        all
     }
 }
 
-/// Two unit vectors that make a frame with a unit `normal`.
-fn tangents(normal: &Vec3) -> (Vec3, Vec3) {
-    let mut axis = Vec3::zeros();
-    axis[normal.iamin()] = 1.0;
-    let u = normal.cross(&axis).normalize();
-    (u, normal.cross(&u))
+/// A 3 x 3 sum over all lanes.
+fn block(lanes: &[[f32x4; 3]; 3]) -> Matrix3<f64> {
+    Matrix3::from_fn(|i, k| lanes[i][k].to_array().map(f64::from).iter().sum())
 }
 
-fn with_moment(r: &Vec3, f: &Vec3) -> Vector6 {
-    let t = r.cross(f);
-    Vector6::new(f.x, f.y, f.z, t.x, t.y, t.z)
+fn wider(v: f32x4) -> f64x4 {
+    let [a, b, c, d] = v.to_array();
+    f64x4::new([f64::from(a), f64::from(b), f64::from(c), f64::from(d)])
+}
+
+/// Adds forces and their torques.
+fn add_moment(sum: &mut [f64x4; 6], r: &[f32x4; 3], force: &[f32x4; 3]) {
+    let r = [wider(r[0]), wider(r[1]), wider(r[2])];
+    let f = [wider(force[0]), wider(force[1]), wider(force[2])];
+    let torque = [
+        r[1] * f[2] - r[2] * f[1],
+        r[2] * f[0] - r[0] * f[2],
+        r[0] * f[1] - r[1] * f[0],
+    ];
+    for k in 0..3 {
+        sum[k] += f[k];
+        sum[3 + k] += torque[k];
+    }
+}
+
+/// The forces turn with the tool, and their levers shorten as it comes: with `df = w x f`, `dr = -u` the torque
+/// `r x f` changes by `-u x f + r x (w x f)`. Subtracted, since `stiffness` is minus the derivative.
+fn turn_with_tool(stiffness: &mut Matrix6, wrench: &Vector6, virial: &Matrix3<f64>) {
+    let f: Vec3 = wrench.fixed_rows::<3>(0).into();
+    let cross = f.cross_matrix();
+    let virial = 0.5 * (virial + virial.transpose());
+    let turn = Matrix3::from_diagonal_element(virial.trace()) - virial;
+    let mut add = |row, column, block: &Matrix3<f64>| {
+        let mut view = stiffness.fixed_view_mut::<3, 3>(row, column);
+        view += block;
+    };
+    add(0, 3, &cross);
+    add(3, 0, &-cross);
+    add(3, 3, &-turn);
 }
 
 fn to_f64(v: [f32; 3]) -> Vec3 {

@@ -1,4 +1,4 @@
-use crate::geometry::{Aabb, DistanceGrid, DistanceSample, Vec3};
+use crate::geometry::{Aabb, DistanceGrid, DistanceSample, DistanceSamples, Lanes, Vec3};
 
 /// A point on a rigid shape's surface that stands for a patch of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,41 +39,75 @@ impl RigidShape {
         position: [f32; 3],
         wall_normal: Option<&[f32; 3]>,
     ) -> Option<DistanceSample> {
-        let own = wall_normal.and_then(|n| self.on_own_side(position, n, 0.0));
+        let facing = wall_normal.map_or(0.0, |n| n[1]);
+        let found = self.inside(position, facing);
         // NaN is not inside.
-        let sample = own.or_else(|| self.field.look_up(position))?;
-        (sample.distance < 0.0).then_some(sample)
+        (found.distance < 0.0).then_some(DistanceSample {
+            distance: found.distance,
+            gradient: found.gradient,
+        })
     }
 
-    /// As [`penetration`](Self::penetration), for points that could be inside once the shape has moved by up to `margin` \[mm\].
-    /// The margin must be less than the grids'.
-    pub(super) fn nearness(
-        &self,
-        position: [f32; 3],
-        wall_normal: Option<&[f32; 3]>,
-        margin: f32,
-    ) -> Option<DistanceSample> {
-        let near = |s: &DistanceSample| s.distance < margin;
-        let own = wall_normal.and_then(|n| self.on_own_side(position, n, margin));
-        let own = own.filter(near);
-        own.or_else(|| self.field.look_up(position).filter(near))
+    /// How deep points of the bone are: negative distances are inside. `facing`: how much each looks to the shape's +y, 0 for those
+    /// on no wall.
+    #[inline]
+    pub(super) fn inside<L: Lanes>(&self, positions: [L; 3], facing: L) -> DistanceSamples<L> {
+        let own = self.on_own_side(positions, facing, 0.0);
+        self.fill(positions, own, f32::INFINITY)
     }
 
-    /// For a point of a wall that looks at a side of a blade: how deep it is behind that side, even where it has come out
-    /// of the blade's other side. A thin blade that twists in the crack must not slip through its walls.
-    fn on_own_side(
+    /// As [`inside`](Self::inside), for points that could be inside once the shape has moved by up to `margin` \[mm\]: those whose
+    /// distance is less than it. The margin must be less than the grids'.
+    #[inline]
+    pub(super) fn nearness<L: Lanes>(
         &self,
-        position: [f32; 3],
-        normal: &[f32; 3],
+        positions: [L; 3],
+        facing: L,
         margin: f32,
-    ) -> Option<DistanceSample> {
-        let sided = self.sided.as_ref()?;
-        let side = match normal[1] {
-            y if y > SIDE_COSINE => &sided[0],
-            y if y < -SIDE_COSINE => &sided[1],
-            _ => return None,
+    ) -> DistanceSamples<L> {
+        let own = self.on_own_side(positions, facing, margin);
+        self.fill(positions, own, margin)
+    }
+
+    /// The own sides' answers where these are below `accepted`, elsewhere the body's.
+    #[inline]
+    fn fill<L: Lanes>(
+        &self,
+        positions: [L; 3],
+        own: Option<DistanceSamples<L>>,
+        accepted: f32,
+    ) -> DistanceSamples<L> {
+        let zero = L::splat(0.0);
+        let Some(own) = own else {
+            return self.field.look_up_in(positions, zero.at_least(zero));
         };
-        let sample = side.look_up(position)?;
-        (sample.distance > -SIDE_DEPTH as f32 - margin).then_some(sample)
+        let accepted = L::splat(accepted);
+        let others = own.distance.at_least(accepted);
+        let body = self.field.look_up_in(positions, others);
+        own.or(own.distance.less(accepted), body)
+    }
+
+    /// For points of walls that look at a side of a blade: how deep they are behind that side, even where they have come out
+    /// of the blade's other side. A thin blade that twists in the crack must not slip through its walls. Infinite where that
+    /// says nothing; none if it says nothing of any.
+    #[inline]
+    fn on_own_side<L: Lanes>(
+        &self,
+        positions: [L; 3],
+        facing: L,
+        margin: f32,
+    ) -> Option<DistanceSamples<L>> {
+        let [right, left] = self.sided.as_ref()?;
+        let to_right = L::splat(SIDE_COSINE).less(facing);
+        let to_left = facing.less(L::splat(-SIDE_COSINE));
+        if L::bits(to_right | to_left) == 0 {
+            return None;
+        }
+        let found = right.look_up_in(positions, to_right);
+        let found = found.or(to_right, left.look_up_in(positions, to_left));
+        let deepest = L::splat(-SIDE_DEPTH as f32 - margin);
+        let counts = deepest.less(found.distance);
+        let distance = L::choose(counts, found.distance, L::splat(f32::INFINITY));
+        Some(DistanceSamples { distance, ..found })
     }
 }

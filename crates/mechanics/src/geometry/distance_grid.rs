@@ -1,4 +1,5 @@
-use super::{Aabb, Vec3};
+use super::{Aabb, Lanes, Vec3};
+use std::sync::Arc;
 
 /// Why a distance grid was refused.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -26,10 +27,44 @@ pub struct DistanceSample {
     pub gradient: [f32; 3],
 }
 
+/// What a [`DistanceGrid`] says about several points.
+#[derive(Clone, Copy)]
+pub struct DistanceSamples<L: Lanes> {
+    /// As in [`DistanceSample`]; infinite where nothing is known.
+    pub distance: L,
+    /// As in [`DistanceSample`]; nothing where nothing is known.
+    pub gradient: [L; 3],
+    /// Which points lie in the grid and were asked for.
+    pub known: L::Mask,
+}
+
+impl<L: Lanes> DistanceSamples<L> {
+    #[inline]
+    fn unknown(none: L::Mask) -> Self {
+        Self {
+            distance: L::splat(f32::INFINITY),
+            gradient: [L::splat(0.0); 3],
+            known: none,
+        }
+    }
+
+    /// These where `mask` says so, else the others.
+    #[inline]
+    pub fn or(self, mask: L::Mask, others: Self) -> Self {
+        let pick = |own: L, other: L| L::choose(mask, own, other);
+        let ([a, b, c], [d, e, f]) = (self.gradient, others.gradient);
+        Self {
+            distance: pick(self.distance, others.distance),
+            gradient: [pick(a, d), pick(b, e), pick(c, f)],
+            known: (mask & self.known) | others.known,
+        }
+    }
+}
+
 /// Signed distances on a regular grid, interpolated trilinearly.
 ///
 /// The gradient is that of the interpolation itself, so a force made from both conserves energy. Flat faces are
-/// reproduced exactly; near edges the error is below the spacing. Look-ups neither allocate nor panic.
+/// reproduced exactly; near edges the error is below the spacing. Look-ups neither allocate nor panic. Clones share the values.
 #[derive(Clone, Debug)]
 pub struct DistanceGrid {
     origin: [f32; 3],
@@ -38,7 +73,7 @@ pub struct DistanceGrid {
     n_cells: [f32; 3],
     stride_y: usize,
     stride_z: usize,
-    values: Vec<f32>,
+    values: Arc<[f32]>,
     bounds: Aabb,
     error_bound: f32,
 }
@@ -72,7 +107,7 @@ impl DistanceGrid {
             n_cells: cells.map(|n| n as f32),
             stride_y: cells[0] + 1,
             stride_z: (cells[0] + 1) * (cells[1] + 1),
-            values: fill(&bounds.min, &step, cells, distance)?,
+            values: fill(&bounds.min, &step, cells, distance)?.into(),
             bounds,
             error_bound: (0.5 * step.norm()) as f32,
         })
@@ -86,41 +121,64 @@ impl DistanceGrid {
     /// Distance and gradient at `p`; `None` outside the grid, and for a point that is not finite.
     #[inline]
     pub fn look_up(&self, p: [f32; 3]) -> Option<DistanceSample> {
-        let [ox, oy, oz] = self.origin;
-        let [sx, sy, sz] = self.inverse_spacing;
-        let (x, y, z) = ((p[0] - ox) * sx, (p[1] - oy) * sy, (p[2] - oz) * sz);
-        let [nx, ny, nz] = self.n_cells;
-        // Written so that NaN fails.
-        if !(x >= 0.0 && y >= 0.0 && z >= 0.0 && x < nx && y < ny && z < nz) {
-            return None;
-        }
-        let (i, j, k) = (x as usize, y as usize, z as usize);
-        let (x, y, z) = (x - i as f32, y - j as f32, z - k as f32);
-        let first = i + j * self.stride_y + k * self.stride_z;
-        // The four edges along x, at low and high y and z.
-        let [a0, a1] = self.pair(first)?;
-        let [b0, b1] = self.pair(first + self.stride_y)?;
-        let [c0, c1] = self.pair(first + self.stride_z)?;
-        let [d0, d1] = self.pair(first + self.stride_z + self.stride_y)?;
-        // Along x, then y, then z; each with its difference.
-        let lerp = |lo: f32, hi: f32, w: f32| lo + (hi - lo) * w;
-        let (ax, bx, cx, dx) = (a1 - a0, b1 - b0, c1 - c0, d1 - d0);
-        let (a, b, c, d) = (a0 + ax * x, b0 + bx * x, c0 + cx * x, d0 + dx * x);
-        let (low, high) = (lerp(a, b, y), lerp(c, d, y));
-        Some(DistanceSample {
-            distance: lerp(low, high, z),
-            gradient: [
-                lerp(lerp(ax, bx, y), lerp(cx, dx, y), z) * sx,
-                lerp(b - a, d - c, z) * sy,
-                (high - low) * sz,
-            ],
+        let found = self.look_up_in(p, true);
+        found.known.then_some(DistanceSample {
+            distance: found.distance,
+            gradient: found.gradient,
         })
     }
 
+    /// As [`look_up`](Self::look_up) for several points, those that are `wanted`.
     #[inline]
-    fn pair(&self, first: usize) -> Option<[f32; 2]> {
-        let pair = self.values.get(first..first + 2)?;
-        Some([pair[0], pair[1]])
+    pub fn look_up_in<L: Lanes>(&self, p: [L; 3], wanted: L::Mask) -> DistanceSamples<L> {
+        let zero = L::splat(0.0);
+        let scaled =
+            |k: usize| (p[k] - L::splat(self.origin[k])) * L::splat(self.inverse_spacing[k]);
+        let (x, y, z) = (scaled(0), scaled(1), scaled(2));
+        let [nx, ny, nz] = self.n_cells;
+        // Written so that NaN fails.
+        let above = x.at_least(zero) & y.at_least(zero) & z.at_least(zero);
+        let below = x.less(L::splat(nx)) & y.less(L::splat(ny)) & z.less(L::splat(nz));
+        let known = wanted & above & below;
+        if L::bits(known) == 0 {
+            return DistanceSamples::unknown(known);
+        }
+        let (x, y, z) = (
+            L::choose(known, x, zero),
+            L::choose(known, y, zero),
+            L::choose(known, z, zero),
+        );
+        let ((whole_x, i), (whole_y, j), (whole_z, k)) = (x.whole(), y.whole(), z.whole());
+        let (x, y, z) = (x - whole_x, y - whole_y, z - whole_z);
+        let first = |l: usize| i[l] + j[l] * self.stride_y + k[l] * self.stride_z;
+        // The four edges along x, at low and high y and z.
+        let [a0, a1, b0, b1] = L::columns(|l| self.face(first(l)));
+        let [c0, c1, d0, d1] = L::columns(|l| self.face(first(l) + self.stride_z));
+        // Along x, then y, then z; each with its difference.
+        let lerp = |lo: L, hi: L, w: L| lo + (hi - lo) * w;
+        let (ax, bx, cx, dx) = (a1 - a0, b1 - b0, c1 - c0, d1 - d0);
+        let (a, b, c, d) = (a0 + ax * x, b0 + bx * x, c0 + cx * x, d0 + dx * x);
+        let (low, high) = (lerp(a, b, y), lerp(c, d, y));
+        let [sx, sy, sz] = self.inverse_spacing;
+        DistanceSamples {
+            distance: L::choose(known, lerp(low, high, z), L::splat(f32::INFINITY)),
+            gradient: [
+                lerp(lerp(ax, bx, y), lerp(cx, dx, y), z) * L::splat(sx),
+                lerp(b - a, d - c, z) * L::splat(sy),
+                (high - low) * L::splat(sz),
+            ],
+            known,
+        }
+    }
+
+    /// The values at the corners of a cell's face of constant z: two along x, then the two beside them along y.
+    #[inline]
+    fn face(&self, first: usize) -> [f32; 4] {
+        let y = self.stride_y;
+        match self.values.get(first..first + y + 2) {
+            Some(v) => [v[0], v[1], v[y], v[y + 1]],
+            None => [f32::NAN; 4],
+        }
     }
 
     /// How far interpolation may lie off \[mm\]: half a cell's diagonal, since no distance changes faster than its point moves.

@@ -2,6 +2,7 @@
 mod aabb;
 mod block;
 mod distance_grid;
+mod lanes;
 mod signed_distance;
 mod spatial_hash;
 mod tet_mesh;
@@ -10,7 +11,9 @@ mod triangle;
 
 pub use aabb::Aabb;
 pub use block::block_mesh;
-pub use distance_grid::{DistanceGrid, DistanceSample, GridError};
+pub use distance_grid::{DistanceGrid, DistanceSample, DistanceSamples, GridError};
+pub(crate) use lanes::set_bits;
+pub use lanes::{LANES, Lanes};
 pub use signed_distance::{Closest, MeshDistance, SignedDistance};
 pub use spatial_hash::SpatialHash;
 pub use tet_mesh::{MeshError, NO_TET, TET_EDGES, TET_FACES, TetLocator, TetMesh};

@@ -4,12 +4,27 @@ use super::{Aabb, Vec3};
 ///
 /// Real-time use: [`rebuild`](Self::rebuild) allocates only while it grows past its largest size so far;
 /// [`query`](Self::query) neither allocates nor waits and visits each box at most once a cell it shares with the query.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct SpatialHash {
     cell_size: f64,
     mask: usize,
     first: Vec<u32>,
     items: Vec<u32>,
+}
+
+/// Copies into the memory that is there.
+impl Clone for SpatialHash {
+    fn clone(&self) -> Self {
+        let mut copy = Self::default();
+        copy.clone_from(self);
+        copy
+    }
+
+    fn clone_from(&mut self, other: &Self) {
+        (self.cell_size, self.mask) = (other.cell_size, other.mask);
+        self.first.clone_from(&other.first);
+        self.items.clone_from(&other.items);
+    }
 }
 
 /// A box is entered into at most this many cells along each axis; larger boxes must be met by a larger cell size.

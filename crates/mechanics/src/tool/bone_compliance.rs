@@ -61,10 +61,40 @@ impl Held {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Carried {
     matrix: Matrix12,
+    series: Option<Series>,
     /// Motion under no wrench at all, negative: C w_0.
     from_load: Vector12,
     /// w_0 . C w_0.
     load_work: f64,
+}
+
+/// Coupling and bone in series, for couplings of one stiffness K. The one factorisation of a solve, unless a coupling comes into
+/// its saturation on the way.
+#[derive(Clone, Copy, Debug)]
+struct Series {
+    /// Diagonal of K.
+    of: Vector12,
+    /// (I + C K)^-1
+    inverse: Matrix12,
+}
+
+/// A stiffness may differ by this share from the one that was inverted: the steps to balance get no less sure by it.
+const SAME: f64 = 0.02;
+
+impl Series {
+    fn new(compliance: &Matrix12, k: &Matrix12) -> Option<Self> {
+        let inverse = (Matrix12::identity() + compliance * k).try_inverse()?;
+        Some(Self {
+            of: k.diagonal(),
+            inverse,
+        })
+    }
+
+    fn serves(&self, k: &Matrix12) -> bool {
+        let k = k.diagonal();
+        let mut pairs = self.of.iter().zip(&k);
+        pairs.all(|(a, b)| (a - b).abs() <= SAME * a.abs())
+    }
 }
 
 impl BoneCompliance {
@@ -86,6 +116,7 @@ impl BoneCompliance {
         let moved = self.matrix * load;
         Carried {
             matrix: lever * self.matrix * lever.transpose(),
+            series: None,
             from_load: lever * moved,
             load_work: load.dot(&moved),
         }
@@ -93,6 +124,14 @@ impl BoneCompliance {
 }
 
 impl Carried {
+    /// Sees to it that the series is that of couplings of stiffness `k`, nearly enough.
+    fn prepare(&mut self, k: &Matrix12) -> Option<&Series> {
+        if !self.series.as_ref().is_some_and(|s| s.serves(k)) {
+            self.series = Series::new(&self.matrix, k);
+        }
+        self.series.as_ref()
+    }
+
     /// How far the patches have moved under these wrenches of the couplings.
     fn motion(&self, wrenches: &Vector12) -> Vector12 {
         let mut motion = self.matrix * wrenches - self.from_load;
@@ -132,7 +171,7 @@ pub(super) fn hold(
     model: &ToolModel,
     devices: &[Pose; 2],
     relative: &[Pose; 2],
-    bone: Option<&Carried>,
+    bone: Option<&mut Carried>,
     guess: &Vector12,
 ) -> Held {
     let respond =
@@ -150,13 +189,13 @@ pub(super) fn hold(
     };
     let mut motion = *guess;
     let mut couplings = respond(&at(&motion));
-    let slope = Matrix12::identity() + bone.matrix * stiffness(&couplings);
-    let slope = slope.lu();
+    bone.prepare(&stiffness(&couplings));
     for _ in 0..ITERATIONS {
         let error = bone.motion(&wrenches(&couplings)) - motion;
-        let Some(step) = slope.solve(&error) else {
+        let Some(series) = &bone.series else {
             break;
         };
+        let step = series.inverse * error;
         motion += step;
         couplings = respond(&at(&motion));
         if step.amax() < CLOSE {
@@ -165,14 +204,13 @@ pub(super) fn hold(
     }
     let k = stiffness(&couplings);
     let pull = wrenches(&couplings);
-    // (I + K C)^-1 K, the symmetric form of K (I + C K)^-1.
-    let series = (Matrix12::identity() + k * bone.matrix).lu().solve(&k);
     Held {
         poses: at(&motion),
         motion,
         couplings,
         bone_energy: 0.5 * (motion.dot(&pull) + pull.dot(&bone.from_load) - bone.load_work),
-        stiffness: series.unwrap_or(k),
+        // K (I + C K)^-1, symmetric.
+        stiffness: bone.prepare(&k).map_or(k, |series| k * series.inverse),
     }
 }
 
@@ -269,8 +307,8 @@ mod tests {
         let (model, bone, devices) = (model(), compliance(), poses(1));
         let carried = bone.carried_to(&poses(3));
         let at = |step: &Vector12| {
-            let none = Vector12::zeros();
-            hold(&model, &devices, &relative(step), Some(&carried), &none)
+            let (none, mut carried) = (Vector12::zeros(), carried);
+            hold(&model, &devices, &relative(step), Some(&mut carried), &none)
         };
         let middle = at(&Vector12::zeros());
         let pull = wrenches(&middle.couplings);
@@ -301,9 +339,9 @@ mod tests {
     #[test]
     fn relative_poses_lead_back_to_the_true_ones() {
         let (model, bone, devices) = (model(), compliance(), poses(1));
-        let carried = bone.carried_to(&poses(3));
+        let mut carried = bone.carried_to(&poses(3));
         let (relative, motion) = carried.relative(&model, &devices, &poses(2));
-        let held = hold(&model, &devices, &relative, Some(&carried), &motion);
+        let held = hold(&model, &devices, &relative, Some(&mut carried), &motion);
         for (a, b) in held.poses.iter().zip(poses(2)) {
             assert!((a.translation.vector - b.translation.vector).norm() < 1e-6);
             assert!(a.rotation.angle_to(&b.rotation) < 1e-7);

@@ -41,6 +41,9 @@ pub struct SolveSettings {
     pub tolerance: f64,
     /// ... or below this \[N\].
     pub force_floor: f64,
+    /// From how many points near each tool on both are evaluated at a time, by rayon's threads; the result is the same to the last
+    /// bit. The haptic thread never hands work to others.
+    pub points_for_two_threads: usize,
 }
 
 impl SolveSettings {
@@ -51,12 +54,14 @@ impl SolveSettings {
         characteristic_length: 10.0,
         tolerance: 1e-3,
         force_floor: 0.05,
+        points_for_two_threads: usize::MAX,
     };
     /// For the main loop: to convergence.
     pub const MAIN: Self = Self {
         max_iterations: 30,
         tolerance: 2e-4,
         force_floor: 0.01,
+        points_for_two_threads: 1024,
         ..Self::HAPTIC
     };
 }
@@ -162,6 +167,32 @@ struct Evaluation {
     pose: Pose,
     contacts: Vec<Contact>,
     response: Response,
+}
+
+impl Evaluation {
+    /// Puts tool `t` at `pose`. How many points found no room.
+    fn put(
+        &mut self,
+        t: usize,
+        pose: &Pose,
+        model: &ToolModel,
+        input: &ToolInput,
+        own: &mut NearPoints,
+    ) -> usize {
+        let (shape, scene) = (&model.tools[t].shape, &input.scene);
+        self.pose = *pose;
+        let found = scene.near.map(|near| &near[t]);
+        let near = match found.filter(|near| near.holds(shape, pose)) {
+            Some(near) => near,
+            None => {
+                own.follow(shape, pose, scene);
+                &*own
+            }
+        };
+        penetrations(shape, pose, scene, near, &mut self.contacts);
+        self.response = respond(&mut self.contacts, &model.law, &input.anchors[t], pose);
+        near.n_dropped()
+    }
 }
 
 impl ToolScratch {
@@ -281,9 +312,7 @@ impl<'a> Solve<'a> {
             None => (state.poses, Vector12::zeros()),
         };
         solve.scratch.held.motion = motion;
-        for (t, pose) in relative.iter().enumerate() {
-            solve.evaluate(t, pose);
-        }
+        solve.evaluate(relative.map(Some));
         std::mem::swap(&mut solve.scratch.now, &mut solve.scratch.trial);
         solve.scratch.held = solve.hold(&relative);
         solve.scratch.pair = solve.pair_at(&solve.scratch.held.poses);
@@ -303,10 +332,8 @@ impl<'a> Solve<'a> {
             return false;
         }
         let step = self.step(&idle);
-        for t in (0..2).filter(|&t| !idle[t]) {
-            let pose = shifted(&self.scratch.now[t].pose, &self.motion(&step, t));
-            self.evaluate(t, &pose);
-        }
+        let pose = |t: usize| shifted(&self.scratch.now[t].pose, &self.motion(&step, t));
+        self.evaluate([0, 1].map(|t| (!idle[t]).then(|| pose(t))));
         self.decide(&step, &idle);
         true
     }
@@ -339,7 +366,8 @@ impl<'a> Solve<'a> {
         }
         let mixed = active[0] && active[1] && taken[0] != taken[1];
         if mixed {
-            self.scratch.held = self.hold(&[0, 1].map(|t| self.scratch.now[t].pose));
+            let poses = [0, 1].map(|t| self.scratch.now[t].pose);
+            self.scratch.held = self.hold(&poses);
             self.scratch.pair = self.pair_at(&self.scratch.held.poses);
         } else if (0..2).any(|t| active[t] && taken[t]) {
             self.scratch.held = held;
@@ -483,29 +511,33 @@ impl<'a> Solve<'a> {
                 .max(self.settings.tolerance * pull)
     }
 
-    /// Puts tool `t` at `pose` for trial.
-    fn evaluate(&mut self, t: usize, pose: &Pose) {
-        let tool = &self.model.tools[t];
-        let scene = &self.input.scene;
-        let (own, trial) = (&mut self.scratch.near[t], &mut self.scratch.trial[t]);
-        trial.pose = *pose;
-        let found = scene.near.map(|near| &near[t]);
-        let near = match found.filter(|near| near.holds(&tool.shape, pose)) {
-            Some(near) => near,
-            None => {
-                own.follow(&tool.shape, pose, scene);
-                &*own
-            }
-        };
-        self.scratch.n_dropped[t] = near.n_dropped();
-        penetrations(&tool.shape, pose, scene, near, &mut trial.contacts);
-        let anchors = &self.input.anchors[t];
-        trial.response = respond(&mut trial.contacts, &self.model.law, anchors, pose);
+    /// Puts tools at poses for trial; the two have nothing to do with each other.
+    fn evaluate(&mut self, poses: [Option<Pose>; 2]) {
+        let (model, input) = (self.model, self.input);
+        let ToolScratch {
+            near,
+            n_dropped,
+            trial,
+            ..
+        } = &mut *self.scratch;
+        let least = self.settings.points_for_two_threads;
+        let is_much = near.iter().all(|near| near.len() >= least);
+        let ([near_a, near_b], [trial_a, trial_b]) = (near, trial);
+        let [dropped_a, dropped_b] = n_dropped;
+        let [pose_a, pose_b] = poses;
+        let mut first = || pose_a.map(|p| *dropped_a = trial_a.put(0, &p, model, input, near_a));
+        let mut second = || pose_b.map(|p| *dropped_b = trial_b.put(1, &p, model, input, near_b));
+        if is_much && poses.iter().all(Option::is_some) {
+            rayon::join(first, second);
+        } else {
+            first();
+            second();
+        }
     }
 
-    fn hold(&self, relative: &[Pose; 2]) -> Held {
+    fn hold(&mut self, relative: &[Pose; 2]) -> Held {
         let (devices, guess) = (self.input.devices, &self.scratch.held.motion);
-        hold(self.model, devices, relative, self.bone.as_ref(), guess)
+        hold(self.model, devices, relative, self.bone.as_mut(), guess)
     }
 
     fn pair_at(&self, poses: &[Pose; 2]) -> PairResponse {

@@ -11,6 +11,7 @@ mod rates;
 mod recording_cost;
 mod replay;
 mod rows;
+mod soak;
 mod table;
 mod times;
 
@@ -53,6 +54,9 @@ pub fn bench(args: &BenchArgs) -> Result<(), Failure> {
     }
     let scenario = scenario(&recording, args).map_err(Failure::Input)?;
     let prepared = prepare(&scenario)?;
+    if let Some(seconds) = args.soak {
+        return soaked(&recording, &scenario, &prepared, seconds);
+    }
     let evaluation = evaluate(&recording, &scenario, &prepared)?;
     if let Some(folder) = &args.figures {
         let paced = live(&scenario, &prepared)?;
@@ -68,6 +72,24 @@ pub fn bench(args: &BenchArgs) -> Result<(), Failure> {
     } else {
         talk::say(&table::text(&evaluation));
     }
+    Ok(())
+}
+
+/// `bench --soak`.
+fn soaked(
+    recording: &Recording,
+    scenario: &Scenario,
+    prepared: &Prepared,
+    seconds: f64,
+) -> Result<(), Failure> {
+    let whole = Scenario {
+        max_time: seconds,
+        ..scenario.clone()
+    };
+    let soak = shown("In real time", &whole, |progress| {
+        soak::soak(recording, scenario, prepared, seconds, progress)
+    })?;
+    talk::say(&soak.text().unwrap_or_default());
     Ok(())
 }
 

@@ -1,4 +1,5 @@
 //! The same hands against the clock, on three threads.
+use super::times::Times;
 use crate::engine::Engine;
 use crate::input::Input;
 use crate::loops::{Sink, realtime};
@@ -12,6 +13,8 @@ use std::time::Instant;
 pub struct Paced {
     /// Of the haptic, main and propagation loop.
     pub pace: [Pace; 3],
+    /// How long haptic steps took \[ms\].
+    pub haptic_times: Times,
     /// Every haptic step.
     pub haptic: Vec<HapticSample>,
     /// When main steps ended, by the haptic loop's clock \[s\].
@@ -47,7 +50,10 @@ impl Sink for Paced {
         self.growth.push(sample);
         Ok(())
     }
-    fn timing(&mut self, _: &StepTime, _: bool) -> Result<()> {
+    fn timing(&mut self, step: &StepTime, _: bool) -> Result<()> {
+        if step.of == Loop::Haptic {
+            self.haptic_times.push(1e-3 * step.step_us);
+        }
         Ok(())
     }
     fn event(&mut self, _: f64, _: &str) -> Result<()> {

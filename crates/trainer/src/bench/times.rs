@@ -27,6 +27,11 @@ impl Times {
         self.0.push(ms);
     }
 
+    /// Takes in those of others.
+    pub fn append(&mut self, others: &Self) {
+        self.0.extend_from_slice(&others.0);
+    }
+
     /// How many there are.
     pub fn len(&self) -> usize {
         self.0.len()

@@ -110,8 +110,13 @@ pub fn final_bone(engine: &Engine) -> FinalBone {
 /// A number of the scenario that the mechanics refuses.
 pub fn tool_model(scenario: &Scenario) -> Result<ToolModel> {
     let tool = |i: usize| one_tool(&scenario.tool[i]).with_context(|| format!("tool.{i}"));
+    let mut tools = [tool(0)?, tool(1)?];
+    if scenario.tool[0].chisel == scenario.tool[1].chisel {
+        // One distance field in the cache instead of two.
+        tools[1].shape = tools[0].shape.clone();
+    }
     Ok(ToolModel {
-        tools: [tool(0)?, tool(1)?],
+        tools,
         law: ContactLaw::new(scenario.contact.stiffness, scenario.contact.friction)?,
         surroundings: Vec::new(),
     })

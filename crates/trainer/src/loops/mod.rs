@@ -190,6 +190,48 @@ pub(crate) struct HapticLoop<H> {
     max_steps: u64,
     next_step: u64,
     faults: u32,
+    overruns: Overruns,
+}
+
+/// Steps that came so late that their forces were let go.
+#[derive(Default)]
+struct Overruns {
+    count: u32,
+    /// When the first was, and by how much it was late \[s\].
+    first: [f64; 2],
+    /// Share of the wrenches that is held back, falling from 1 to 0 after each.
+    held_back: f64,
+}
+
+/// From nothing to the whole wrench after an overrun \[s\].
+const EASE: f64 = 0.5;
+
+impl Overruns {
+    fn happened(&mut self, time: f64, late: f64) {
+        if self.count == 0 {
+            self.first = [time, late];
+        }
+        self.count += 1;
+        self.held_back = 1.0;
+    }
+
+    /// Share of the wrench to display in this step.
+    fn share(&mut self, dt: f64) -> f64 {
+        let share = 1.0 - self.held_back;
+        self.held_back = (self.held_back - dt / EASE).max(0.0);
+        share
+    }
+
+    fn event(&self) -> Option<String> {
+        let [time, late] = self.first;
+        (self.count > 0).then(|| {
+            format!(
+                "{} haptic steps overran, the first at {time:.3} s by {:.0} ms; zero was displayed and eased in again after each",
+                self.count,
+                1e3 * late
+            )
+        })
+    }
 }
 
 impl<H: HapticPart> HapticLoop<H> {
@@ -207,6 +249,7 @@ impl<H: HapticPart> HapticLoop<H> {
             max_steps: (scenario.max_time * scenario.loops.haptic_hz).ceil() as u64,
             next_step: steps,
             faults: 0,
+            overruns: Overruns::default(),
         }
     }
 
@@ -214,7 +257,14 @@ impl<H: HapticPart> HapticLoop<H> {
     pub(crate) fn tick(&mut self, crack: &CrackView) -> HapticSample {
         self.input.plan(crack, self.part.line());
         let readings = self.input.read();
-        let output = self.part.step(&readings.map(|r| r.pose), self.dt);
+        let mut output = self.part.step(&readings.map(|r| r.pose), self.dt);
+        if self.overruns.held_back > 0.0 {
+            let share = self.overruns.share(self.dt);
+            for hand in &mut output {
+                hand.wrench.force *= share;
+                hand.wrench.torque *= share;
+            }
+        }
         self.faults += self
             .input
             .write(&output.map(|o| o.wrench), &output.map(|o| o.tool_pose));
@@ -240,6 +290,12 @@ impl<H: HapticPart> HapticLoop<H> {
         self.input.write(&[Wrench::default(); 2], &tools);
     }
 
+    /// The last step ended so much too late \[s\]: what the hands have felt meanwhile answered to where they were long ago.
+    fn overrun(&mut self, late: f64) {
+        let time = self.next_step as f64 * self.dt;
+        self.overruns.happened(time, late);
+    }
+
     /// A tick while time stands still.
     fn rest(&mut self) {
         self.input.rest();
@@ -258,6 +314,7 @@ impl<H: HapticPart> HapticLoop<H> {
             .fault()
             .into_iter()
             .chain(refused)
+            .chain(self.overruns.event())
             .chain(paused)
             .collect()
     }
@@ -585,11 +642,77 @@ pub(crate) mod tests {
         }
     }
 
+    impl PropagationPart for Bad {
+        fn crack(&self) -> GrowthSample {
+            Spring::default().crack()
+        }
+        fn step(&mut self) -> Propagated {
+            self.count();
+            Propagated::Checked
+        }
+        fn fault(&self) -> Option<String> {
+            None
+        }
+    }
+
+    /// Steps as a spring; the hundredth step takes 40 ms.
+    struct Slow(u32);
+
+    impl HapticPart for Slow {
+        fn step(&mut self, devices: &[Pose; 2], dt: f64) -> [HandOutput; 2] {
+            self.0 += 1;
+            if self.0 == 100 {
+                std::thread::sleep(std::time::Duration::from_millis(40));
+            }
+            HapticPart::step(&mut Spring::default(), devices, dt)
+        }
+        fn line(&mut self) -> &[Vec3] {
+            &[]
+        }
+        fn fault(&self) -> Option<String> {
+            None
+        }
+    }
+
+    /// After a step that took far too long nothing is displayed, then more by and by, and the record says so.
+    #[test]
+    fn an_overrun_lets_the_hands_go_and_eases_back_in() {
+        let scenario = scenario(&["max_time=0.8"]);
+        let mut kept = Kept::default();
+        let Parts {
+            main, propagation, ..
+        } = parts();
+        let parts = Parts {
+            haptic: Slow(0),
+            main,
+            propagation,
+        };
+        let none = &mut |_: f64, _: bool| {};
+        let input = surgeon(&scenario);
+        realtime(parts, input, &scenario, &mut kept, none).unwrap();
+        let event = kept.events.iter().find(|e| e.contains("overran"));
+        assert!(event.is_some(), "{:?}", kept.events);
+        let hand = |k: usize| &kept.haptic[k].hands[0];
+        assert!(hand(99).wrench.force.norm() > 0.0);
+        assert_eq!(hand(100).wrench, Wrench::default());
+        // A busy machine may add overruns of its own, so that the share is at most what it would be.
+        for k in 101..600 {
+            let whole = 0.1 * hand(k).tool_pose.translation.vector.norm();
+            let share = 2e-3 * (k - 100) as f64;
+            assert!(
+                hand(k).wrench.force.norm() <= share * whole + 1e-9,
+                "step {k}"
+            );
+        }
+        let (_, pace) = kept.pace.iter().find(|p| p.0 == Loop::Haptic).unwrap();
+        assert!(pace.latest_us > 30_000.0 && pace.missed > 0);
+    }
+
     /// Ends it in a way that says why, in the recording too, and keeps what was recorded.
     #[test]
     fn a_panic_in_a_loop_ends_the_session_with_its_words() {
         let scenario = scenario(&[]);
-        let [mut first, mut second] = [Kept::default(), Kept::default()];
+        let [mut first, mut second, mut third] = [0; 3].map(|_| Kept::default());
         let Parts {
             haptic,
             main,
@@ -637,5 +760,16 @@ pub(crate) mod tests {
                 .contains("the haptic loop panicked")
         );
         assert_eq!(second.haptic.len(), 9);
+        let Parts { haptic, main, .. } = parts();
+        let propagation_panics = Parts {
+            haptic,
+            main,
+            propagation: Bad(0),
+        };
+        let input = surgeon(&scenario);
+        let error = realtime(propagation_panics, input, &scenario, &mut third, none);
+        let words = error.err().unwrap().to_string();
+        assert!(words.contains("the propagation loop panicked (on purpose)"));
+        assert!(third.events.contains(&words));
     }
 }

@@ -186,20 +186,24 @@ impl Pacer {
         }
     }
 
-    /// Ends a step and waits for its deadline.
-    fn wait(&mut self) {
+    /// Ends a step and waits for its deadline. By how much the step was late, if a new schedule had to be started.
+    fn wait(&mut self) -> Option<Duration> {
         self.pace.steps += 1;
         let now = Instant::now();
-        if now <= self.next {
+        let late = now.saturating_duration_since(self.next);
+        let is_behind = late > CATCH_UP.max(self.period);
+        if late.is_zero() {
             self.sleeper.sleep_until(self.next);
         } else {
             self.pace.missed += 1;
-            if now - self.next > CATCH_UP.max(self.period) {
+            self.pace.latest_us = self.pace.latest_us.max(late.as_secs_f64() * 1e6);
+            if is_behind {
                 self.next = now;
             }
         }
         self.next += self.period;
         self.pace.seconds = self.start.elapsed().as_secs_f64();
+        is_behind.then_some(late)
     }
 
     /// Waits a period that counts for nothing.
@@ -265,7 +269,9 @@ fn haptic_loop<H: HapticPart>(
             seen,
             step_us,
         });
-        pacer.wait();
+        if let Some(late) = pacer.wait() {
+            haptic.overrun(late.as_secs_f64());
+        }
     }
     let account = Account {
         pace: pacer.pace,

@@ -357,7 +357,7 @@ impl Tool {
 }
 
 /// A chisel's sizes.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Chisel {
     /// Width of the cutting edge \[mm\].

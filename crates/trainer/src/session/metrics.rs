@@ -223,6 +223,8 @@ pub struct Pace {
     pub seconds: f64,
     /// Deadlines missed.
     pub missed: u64,
+    /// How long after its deadline the latest step ended \[us\].
+    pub latest_us: f64,
 }
 
 /// Gathers the figures; never looks back at the recording.

@@ -5,11 +5,12 @@ use crate::bench::times::{Pairs, Times};
 use anyhow::{Result, ensure};
 use nalgebra::Matrix3x4;
 use osteotome_mechanics::contact::{
-    BoundingVolumes, Contact, ContactScene, NearPoints, PointShell, RigidShape, penetrations,
+    BoundingVolumes, Contact, ContactScene, NearPoints, PointShell, RigidShape, penetrations_in,
 };
-use osteotome_mechanics::geometry::{Aabb, Pose, Vec3};
+use osteotome_mechanics::geometry::{Aabb, Lanes, Pose, Vec3};
 use osteotome_mechanics::step::{Bone, BoneState};
 use osteotome_mechanics::tool::ToolModel;
+use wide::f32x4;
 
 /// Baselines of the query are tried at every so many haptic steps, those of the update at every so many main steps.
 const EVERY: [u64; 2] = [37, 7];
@@ -21,6 +22,10 @@ pub struct Contacts {
     near: [NearPoints; 2],
     found: [Vec<Contact>; 2],
     query: Times,
+    /// The same, one point at a time.
+    plain_near: [NearPoints; 2],
+    plain_found: [Vec<Contact>; 2],
+    plain: Pairs,
     in_box: Pairs,
     everywhere: Pairs,
     n_queries: u64,
@@ -38,6 +43,9 @@ impl Default for Contacts {
             near: [near(), near()],
             found: [Vec::with_capacity(ROOM), Vec::with_capacity(ROOM)],
             query: Times::default(),
+            plain_near: [near(), near()],
+            plain_found: [Vec::with_capacity(ROOM), Vec::with_capacity(ROOM)],
+            plain: Pairs::new("the same query, one point at a time (no SIMD)"),
             in_box: Pairs::new("the points of all cells that meet the tool's box, one by one"),
             everywhere: Pairs::new("all points of the bone, one by one"),
             n_queries: 0,
@@ -61,15 +69,20 @@ impl Contacts {
         poses: &[Pose; 2],
         scene: &ContactScene,
     ) -> Result<f64> {
-        let mut ours = 0.0;
-        for (t, (near, found)) in self.near.iter_mut().zip(&mut self.found).enumerate() {
-            let (shape, pose) = (&model.tools[t].shape, &poses[t]);
-            let ((), ms) = in_ms(|| {
-                near.follow(shape, pose, scene);
-                penetrations(shape, pose, scene, near, found);
-            });
-            ours += ms;
+        // Turn about, so that neither always finds the caches filled by the other.
+        let plain_first = self.n_queries.is_multiple_of(2);
+        let mut plain = plain_first.then(|| self.query_plainly(model, poses, scene));
+        let (near, found) = (&mut self.near, &mut self.found);
+        let ((), ours) = in_ms(|| query::<f32x4>(model, poses, scene, near, found));
+        if !plain_first {
+            plain = Some(self.query_plainly(model, poses, scene));
         }
+        let plain = plain.unwrap_or_default();
+        self.plain.push(ours, plain, plain);
+        ensure!(
+            self.found == self.plain_found,
+            "the contact query finds other contacts with SIMD than without"
+        );
         self.query.push(ours);
         self.n_queries += 1;
         let touches = self.found.iter().any(|f| !f.is_empty());
@@ -77,6 +90,11 @@ impl Contacts {
             self.compare(model, poses, scene, ours)?;
         }
         Ok(ours)
+    }
+
+    fn query_plainly(&mut self, model: &ToolModel, poses: &[Pose; 2], scene: &ContactScene) -> f64 {
+        let (near, found) = (&mut self.plain_near, &mut self.plain_found);
+        in_ms(|| query::<f32>(model, poses, scene, near, found)).1
     }
 
     fn compare(
@@ -139,9 +157,25 @@ impl Contacts {
         [
             Row::new(Part::CollisionQuery, self.query)
                 .against(self.in_box)
-                .against(self.everywhere),
+                .against(self.everywhere)
+                .against(self.plain),
             Row::new(Part::CollisionUpdate, self.update).against(self.every_point),
         ]
+    }
+}
+
+/// Both tools' contacts, with so many points at a time.
+fn query<L: Lanes>(
+    model: &ToolModel,
+    poses: &[Pose; 2],
+    scene: &ContactScene,
+    near: &mut [NearPoints; 2],
+    found: &mut [Vec<Contact>; 2],
+) {
+    for t in 0..2 {
+        let (shape, pose) = (&model.tools[t].shape, &poses[t]);
+        near[t].follow_in::<L>(shape, pose, scene);
+        penetrations_in::<L>(shape, pose, scene, &near[t], &mut found[t]);
     }
 }
 
