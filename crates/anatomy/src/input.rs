@@ -6,6 +6,7 @@ use crate::nifti::read_nifti;
 use crate::nrrd::read_nrrd;
 use crate::obj::read_obj;
 use crate::ply::read_ply;
+use crate::segmentation::read_segmentation;
 use crate::stl::read_stl;
 use crate::vtu::read_vtu;
 use osteotome_mechanics::geometry::TriMesh;
@@ -19,26 +20,28 @@ pub enum Shape {
     Surface(TriMesh),
     /// Tetrahedra (Gmsh .msh, VTK .vtu).
     Tets(Box<MeshFile>),
-    /// Voxels (NIfTI, NRRD).
+    /// Voxels (NIfTI, NRRD, DICOM).
     Labels(LabelVolume),
 }
 
 /// All that can be read, for messages.
-pub const FORMATS: &str =
-    "STL, PLY, OBJ, NIfTI (.nii, .nii.gz), NRRD (.nrrd, .nhdr), Gmsh .msh or VTK .vtu";
+pub const FORMATS: &str = "STL, PLY, OBJ, NIfTI (.nii, .nii.gz), NRRD (.nrrd, .nhdr), a DICOM segmentation, Gmsh .msh or VTK .vtu";
 
-/// Reads any of [`FORMATS`], told apart by the name's ending; a beginning that belongs to something else is said.
+/// Reads any of [`FORMATS`], told apart by the name's ending, DICOM by its mark; a beginning that belongs to something else is said.
 ///
 /// # Errors
 /// [`AnatomyError`] for a file that is missing, of another kind, or not usable.
 pub fn read_shape(path: &Path) -> Result<Shape, AnatomyError> {
     let name = path.display().to_string();
     let beginning = beginning(path)?;
-    if let Some((what, mend)) = foreign(&beginning) {
+    if beginning.get(128..132) == Some(b"DICM") {
+        return Ok(Shape::Labels(read_segmentation(path)?));
+    }
+    if let Some(what) = foreign(&beginning) {
         return Err(AnatomyError::Foreign {
             path: name,
             what,
-            mend,
+            mend: FORMATS,
         });
     }
     let lower = name.to_lowercase();
@@ -83,12 +86,8 @@ pub fn read_surface(path: &Path) -> Result<TriMesh, AnatomyError> {
     })
 }
 
-/// Kinds of files that people hand over by mistake, by their first bytes, with what would be right.
-fn foreign(beginning: &[u8]) -> Option<(&'static str, &'static str)> {
-    const DICOM_MEND: &str = "the segmentation converted to NIfTI or NRRD (3D Slicer: export the segmentation as a label map; dcmqi: segimage2itkimage)";
-    if beginning.get(128..132) == Some(b"DICM") {
-        return Some(("a DICOM file, which cannot be read", DICOM_MEND));
-    }
+/// Kinds of files that people hand over by mistake, by their first bytes.
+fn foreign(beginning: &[u8]) -> Option<&'static str> {
     let known: [(&[u8], &'static str); 6] = [
         (b"\x89PNG", "a PNG picture"),
         (b"\xff\xd8\xff", "a JPEG picture"),
@@ -101,7 +100,7 @@ fn foreign(beginning: &[u8]) -> Option<(&'static str, &'static str)> {
         (b"\x89HDF", "an HDF5 file"),
     ];
     let found = known.iter().find(|(magic, _)| beginning.starts_with(magic));
-    found.map(|(_, what)| (*what, FORMATS))
+    found.map(|(_, what)| *what)
 }
 
 /// The first bytes of a file.

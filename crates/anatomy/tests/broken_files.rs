@@ -186,7 +186,7 @@ fn files_of_other_kinds_are_named() {
         (
             "jaw.dcm",
             &dicom[..],
-            "is a DICOM file, which cannot be read; give the segmentation converted",
+            "is not a usable DICOM segmentation file: element (0002,0010) is missing",
         ),
         ("jaw.ply", b"PK\x03\x04...", "ZIP archive"),
         ("jaw.step", b"ISO-10303-21;", "no known ending; give STL"),

@@ -26,7 +26,7 @@ pub struct Anchor {
 pub struct Wear {
     /// The vertex opposite.
     pub opposite: u32,
-    /// The way back into the bone: a unit vector, or zero.
+    /// The way back into the bone: a unit vector, or shorter where less is lost.
     pub into: [f32; 3],
 }
 

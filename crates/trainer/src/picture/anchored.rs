@@ -1,6 +1,6 @@
 //! Vertices that move with the bone's cells: the paper's geometric mapping (section 4.1) for what is drawn.
 use osteotome_mechanics::crack::{Cell, CrackedBody, STANDARD, Sheet, cut_area};
-use osteotome_mechanics::geometry::{TriMesh, Vec3};
+use osteotome_mechanics::geometry::{SignedDistance, TriMesh, Vec3};
 use osteotome_render::skin::{self as render, MovedCell, Part, Skin as Drawn, Wear};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -162,6 +162,19 @@ impl<'a> SawCuts<'a> {
         let corners = sheet.mesh.corners(t);
         let is_near = distance < SAME_PLACE * self.body.solid.lengths.h;
         is_near.then(|| (0..3).map(|k| corners[k] * w[k]).sum())
+    }
+
+    /// Where the saw came from: of its cuts' vertices out of the bone that nearest to `p`, if it is no farther than an element.
+    pub fn mouth(&self, region: &dyn SignedDistance, p: &Vec3) -> Option<Vec3> {
+        let of_sheet = |sheet: &'_ Sheet| {
+            let sawn = sheet.mesh.triangles.iter().flatten();
+            let at = sawn.map(|v| sheet.mesh.vertices[*v as usize]);
+            let out = at.filter(|q| region.signed(q) > 0.0);
+            out.min_by(|a, b| (a - p).norm().total_cmp(&(b - p).norm()))
+        };
+        let mouths = self.sawn.iter().filter_map(of_sheet);
+        let nearest = mouths.min_by(|a, b| (a - p).norm().total_cmp(&(b - p).norm()));
+        nearest.filter(|q| (q - p).norm() < self.body.solid.lengths.h)
     }
 }
 

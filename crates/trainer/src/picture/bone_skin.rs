@@ -111,12 +111,17 @@ impl Slits {
             }
         };
         self.corners = places.tets.iter().enumerate().map(corner).collect();
-        for ((p, (_, weights)), name) in
+        for ((p, (tet, weights)), name) in
             surface.vertices.iter().zip(&places.tets).zip(&self.corners)
         {
-            let weights = *weights;
-            let cell = cell_of(body, *name);
-            slitter.out.skin.push(Anchor { cell, weights }, p);
+            let anchor = match name.0 == *tet {
+                true => Anchor {
+                    cell: cell_of(body, *name),
+                    weights: *weights,
+                },
+                false => slitter.anchor_in(cell_of(body, *name), p),
+            };
+            slitter.out.skin.push(anchor, p);
         }
         self.looks
             .retain(|_, look| !look.tets.iter().any(|t| touched[*t as usize]));
@@ -326,8 +331,16 @@ impl Slitter<'_> {
 struct Sides<'a> {
     body: &'a CrackedBody,
     gap: &'a GapSkin,
-    /// For each divided tetrahedron that was asked for, the parting surface in it and around it.
-    around: HashMap<u32, Vec<Facet>>,
+    /// For each tetrahedron that was asked for, the parting surface in it and around it.
+    around: HashMap<u32, Around>,
+}
+
+/// The parting surface near a tetrahedron: it is led on out of the bone, so that it passes by others than those that it divides.
+struct Around {
+    /// In it and in those that touch it.
+    facets: Vec<Facet>,
+    /// Those of them that it divides.
+    divided: Vec<u32>,
 }
 
 /// A triangle of the parting surface in its box.
@@ -360,40 +373,51 @@ impl<'a> Sides<'a> {
         }
     }
 
-    /// The cell of a point of a tetrahedron: that of a node that can be reached from it without crossing the surface.
+    /// The cell of a point of a tetrahedron: that of a node that can be reached from it without crossing the surface, or where there
+    /// is none, of the nearest such node of those around.
     fn cell_at(&mut self, p: &Vec3, tet: u32, weights: &[f64; 4]) -> u32 {
         let (body, gap) = (self.body, self.gap);
-        let topology = &body.topology;
-        if !gap.parting.contains_key(&tet) {
+        let (topology, mesh) = (&body.topology, &body.solid.mesh);
+        let near = (self.around.entry(tet)).or_insert_with(|| Around::of(body, gap, tet));
+        if near.facets.is_empty() {
             return topology.cell_at(tet, weights);
         }
-        let surface = self
-            .around
-            .entry(tet)
-            .or_insert_with(|| around(body, gap, tet));
-        let corners = body.solid.mesh.corners(tet as usize);
-        let is_free = |k: &usize| {
-            let way = Aabb::around(&[*p, corners[*k]]);
-            !surface.iter().any(|f| f.parts(p, &corners[*k], &way))
+        let is_free = |q: &Vec3| {
+            let way = Aabb::around(&[*p, *q]);
+            !near.facets.iter().any(|f| f.parts(p, q, &way))
         };
-        let holds = |k: usize| {
-            topology
-                .cells_of(tet)
-                .find(|c| topology.cells()[*c].mask >> k & 1 == 1)
+        let holds = |t: u32, k: usize| {
+            let cell = topology
+                .cells_of(t)
+                .find(|c| topology.cells()[*c].mask >> k & 1 == 1);
+            cell.map(|c| c as u32)
         };
-        let reached = (0..4).find(is_free).and_then(holds);
-        reached.map_or_else(|| topology.cell_at(tet, weights), |c| c as u32)
+        let corners = mesh.corners(tet as usize);
+        if let Some(k) = (0..4).find(|k| is_free(&corners[*k])) {
+            return holds(tet, k).unwrap_or_else(|| topology.cell_at(tet, weights));
+        }
+        let of_tet = |t: &u32| [0, 1, 2, 3].map(|k| (*t, k, mesh.corners(*t as usize)[k]));
+        let mut nodes: Vec<_> = near.divided.iter().flat_map(of_tet).collect();
+        nodes.sort_by(|a, b| (a.2 - p).norm().total_cmp(&(b.2 - p).norm()));
+        let free = nodes.iter().find(|(_, _, q)| is_free(q));
+        let reached = free.and_then(|(t, k, _)| holds(*t, *k));
+        reached.unwrap_or_else(|| topology.cell_at(tet, weights))
     }
 }
 
-/// The parting surface in a tetrahedron and in those that touch it.
-fn around(body: &CrackedBody, gap: &GapSkin, tet: u32) -> Vec<Facet> {
-    let mesh = &body.solid.mesh;
-    let nodes = mesh.tets()[tet as usize];
-    let stars = nodes.iter().flat_map(|n| mesh.tets_of_node(*n as usize));
-    let mut near: Vec<u32> = stars.copied().collect();
-    near.sort_unstable();
-    near.dedup();
-    let parting = near.iter().filter_map(|t| gap.parting.get(t));
-    parting.flatten().map(Facet::new).collect()
+impl Around {
+    fn of(body: &CrackedBody, gap: &GapSkin, tet: u32) -> Self {
+        let mesh = &body.solid.mesh;
+        let nodes = mesh.tets()[tet as usize];
+        let stars = nodes.iter().flat_map(|n| mesh.tets_of_node(*n as usize));
+        let mut divided: Vec<u32> = stars.copied().collect();
+        divided.sort_unstable();
+        divided.dedup();
+        divided.retain(|t| gap.parting.contains_key(t));
+        let parting = divided.iter().filter_map(|t| gap.parting.get(t));
+        Self {
+            facets: parting.flatten().map(Facet::new).collect(),
+            divided,
+        }
+    }
 }

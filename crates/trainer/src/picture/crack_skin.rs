@@ -7,8 +7,8 @@
 use super::anchored::{Anchor, SawCuts, Skin, piece_of, sawn_part, tet_at};
 use osteotome_mechanics::crack::{Cell, CrackedBody, Sheet};
 use osteotome_mechanics::geometry::{NO_TET, SignedDistance, TET_EDGES, TET_FACES, TriMesh, Vec3};
-use osteotome_render::skin::{Part, Skin as Drawn, Wear};
-use std::collections::{BTreeMap, HashMap};
+use osteotome_render::skin::{CRUMBS, Part, Skin as Drawn, Wear};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// The sawn part of all sheets as closed volumes.
 pub fn kerf_skin(body: &CrackedBody) -> Skin {
@@ -84,7 +84,8 @@ pub struct GapSkin {
     pub sawn: Vec<[u32; 3]>,
     /// Triangles that close the border.
     pub walls: Vec<[u32; 3]>,
-    /// For each vertex the one opposite, or itself, and the sum of undeformed area vectors into its own side.
+    /// For each vertex the one opposite, or itself, and the way into its own side: a unit vector, shorter where there is little bone
+    /// that way.
     pub opposite: Vec<(u32, Vec3)>,
     /// Of each piece, the two cells and its undeformed area vector \[mm2\], which looks from the first to the second.
     pub pieces: Vec<([u32; 2], Vec3)>,
@@ -98,15 +99,7 @@ impl GapSkin {
         self.skin.drawn_with(parts, |v| {
             let (opposite, into) = &self.opposite[v];
             let is_face = *opposite as usize != v;
-            is_face.then(|| {
-                Wear::new(
-                    *opposite,
-                    into.try_normalize(1e-12)
-                        .unwrap_or_default()
-                        .cast::<f32>()
-                        .into(),
-                )
-            })
+            is_face.then(|| Wear::new(*opposite, into.cast::<f32>().into()))
         })
     }
 }
@@ -163,7 +156,24 @@ pub fn gap_skin(body: &CrackedBody, region: &dyn SignedDistance) -> GapSkin {
     parting.seat();
     parting.lead_out(region);
     parting.emit();
-    parting.out
+    let mut gap = parting.out;
+    for ((_, into), p) in gap.opposite.iter_mut().zip(&gap.skin.rest) {
+        let way = into.try_normalize(1e-12).unwrap_or_default();
+        *into = way * wearing(region, &Vec3::from(p.map(f64::from)), &way);
+    }
+    gap
+}
+
+/// How much of its crumbs a face at `p` may lose `into` its side: all, or less where so little bone is left that a hole would show.
+fn wearing(region: &dyn SignedDistance, p: &Vec3, into: &Vec3) -> f64 {
+    /// Looks so far, in as many steps, in shares of what is lost at most.
+    const REACH: usize = 5;
+    let is_out = |k: &usize| region.signed(&(p + into * (*k as f64 * f64::from(CRUMBS)))) > 0.0;
+    if is_out(&0) {
+        return 1.0;
+    }
+    let thickness = (1..=REACH).find(is_out).map_or(REACH, |k| k - 1);
+    thickness as f64 / REACH as f64
 }
 
 impl Parting<'_> {
@@ -257,6 +267,7 @@ impl Parting<'_> {
         let mut ends = Vec::new();
         let mut outward: HashMap<Base, Vec3> = HashMap::new();
         let mut across: HashMap<Base, (Vec3, f64)> = HashMap::new();
+        let mut sawn: HashSet<Base> = HashSet::new();
         for (i, edge) in self.borders() {
             let piece = &self.pieces[i];
             let tet = self.body.topology.cells()[piece.cells[0] as usize].tet;
@@ -268,6 +279,7 @@ impl Parting<'_> {
             };
             let [a, b, c, _] = piece.points.map(|p| self.at[&p.0]);
             let normal = (b - a).cross(&(c - a)).try_normalize(1e-12);
+            sawn.extend(edge.iter().filter(|_| piece.is_sawn).map(|p| p.0));
             for p in edge {
                 *outward.entry(p.0).or_default() += out;
                 let (sum, n) = across.entry(p.0).or_default();
@@ -286,10 +298,13 @@ impl Parting<'_> {
             let from = self.at[&base];
             let h = self.body.solid.lengths.h;
             // Beyond the true surface, and a little more.
-            let reach = (1..=10).map(|k| 0.15 * h * f64::from(k));
+            let reach = (0..=100).map(|k| 0.015 * h * f64::from(k));
             let mut clear = reach.filter(|s| region.signed(&(from + direction * *s)) > 0.05 * h);
             let length = (clear.next().unwrap_or(0.3 * h) + 0.1 * h).max(0.6 * h);
-            self.way_out.insert(base, direction * length);
+            // Coarse tetrahedra end well before a sharp ridge: from there, a little askew comes out beside the saw's slit.
+            let mouth = sawn.contains(&base).then(|| self.saw.mouth(region, &from));
+            let way = mouth.flatten().map_or(direction * length, |q| q - from);
+            self.way_out.insert(base, way);
         }
         for (i, [p, q]) in ends {
             let Piece { cells, is_sawn, .. } = self.pieces[i];

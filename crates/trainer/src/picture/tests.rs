@@ -5,6 +5,7 @@ use super::bone_skin::{BoneSkin, Places, Slits};
 use super::crack_skin::{GapSkin, gap_skin, kerf_skin};
 use super::restore::Restored;
 use crate::engine::cut_since;
+use crate::scenario::{BSSO_RIGHT, Source, load};
 use crate::session::GrowthSample;
 use osteotome_mechanics::bone::{Supports, TetMaterial};
 use osteotome_mechanics::crack::growth::GrowthLengths;
@@ -415,4 +416,36 @@ fn a_recorded_growth_is_repeated_exactly() {
         .go_to(1, &[read[0].clone(), bad])
         .unwrap_err();
     assert!(error.to_string().contains("does not have"), "{error}");
+}
+
+/// On a jaw whose coarse mesh ends before the ridge, what the saw has parted leaves the bone in the saw's slit, not beside it.
+#[test]
+fn sawn_faces_leave_the_bone_where_the_saw_came_in() {
+    let source = Source::Text {
+        name: "test".into(),
+        text: BSSO_RIGHT.into(),
+    };
+    let scenario = load(&source, &[], std::path::Path::new("/")).unwrap();
+    let prepared = crate::engine::prepare(&scenario, &mut |_, _| {}).unwrap();
+    let (body, region) = (&prepared.bone.cracked, &*prepared.bone.body.region.0);
+    let gap = gap_skin(body, region);
+    let mut vertices: Vec<u32> = gap.sawn.iter().flatten().copied().collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let at = |v: &u32| Vec3::from(gap.skin.rest[*v as usize].map(f64::from));
+    let off_slit = |p: Vec3| {
+        let feet = body.crack.sheets.iter().filter_map(|s| s.closest(&p));
+        feet.map(|f| f.0).fold(f64::INFINITY, f64::min)
+    };
+    let out: Vec<f64> = (vertices.iter().map(at))
+        .filter(|p| region.signed(p) > 0.1)
+        .map(off_slit)
+        .collect();
+    let beside = out.iter().filter(|d| **d > 0.4).count();
+    assert!(out.len() > 50);
+    assert!(
+        20 * beside <= out.len(),
+        "{beside} of {}: {out:.1?}",
+        out.len()
+    );
 }

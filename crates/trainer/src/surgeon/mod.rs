@@ -171,6 +171,11 @@ impl BuiltInSurgeon {
             .max(scenario.tool[1].chisel.length);
         let start = start_stations(&line, habits.stations, &width, spacing, [slack, length]);
         let stations = stations(&line, &width, slack);
+        // The left jaw is the right one's mirror image, and so is what is done to it.
+        let sense = match scenario.osteotomy.side {
+            scenario::Side::Right => 1.0,
+            scenario::Side::Left => -1.0,
+        };
         let hand = |i: usize| Hand {
             task: Task::Approach,
             s: start[i],
@@ -178,7 +183,7 @@ impl BuiltInSurgeon {
             tip: -habits.approach_distance,
             shift: Vec3::zeros(),
             twist: 0.0,
-            sense: [1.0, -1.0][i],
+            sense: [sense, -sense][i],
             bite: 0.0,
             reached: 0.0,
             progress: 0.0,
@@ -662,16 +667,20 @@ impl Dice {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::{BSSO_RIGHT, Source, load};
+    use crate::scenario::{BSSO_LEFT, BSSO_RIGHT, Source, load};
 
     fn surgeon(seed: u64) -> BuiltInSurgeon {
+        surgeon_on(BSSO_RIGHT, line::tests::straight(), seed)
+    }
+
+    fn surgeon_on(scenario: &str, line: SplitLine, seed: u64) -> BuiltInSurgeon {
         let source = Source::Text {
             name: "test".into(),
-            text: BSSO_RIGHT.into(),
+            text: scenario.into(),
         };
         let set = format!("seed={seed}").parse().unwrap();
         let scenario = load(&source, &[set], std::path::Path::new("/")).unwrap();
-        BuiltInSurgeon::new(&scenario, line::tests::straight())
+        BuiltInSurgeon::new(&scenario, line)
     }
 
     /// A bone whose crack front is at one depth all along and moves down while the blades are twisted far enough.
@@ -836,6 +845,38 @@ mod tests {
         }
         let reaction = surgeon.time - broken_at.unwrap();
         assert!((0.05..0.08).contains(&reaction), "{reaction} s");
+    }
+
+    /// Step by step both blades on the left jaw are where those on its mirror image are: edge, shaft and tip.
+    #[test]
+    fn hands_on_a_mirrored_jaw_do_the_mirror_image() {
+        let line = line::tests::straight();
+        let mirrored = |v: Vec3| Vec3::new(v.x, -v.y, v.z);
+        let mark = |m: &Mark| Mark {
+            at: mirrored(m.at),
+            toward: mirrored(m.toward),
+            ..*m
+        };
+        let marks = line.marks().iter().map(mark).collect();
+        let mut right = surgeon_on(BSSO_RIGHT, line, 5);
+        let mut left = surgeon_on(BSSO_LEFT, SplitLine::new(marks).unwrap(), 5);
+        let (mut bone, mut wrenches) = (FakeBone::new(15.0, 14.0), [Wrench::default(); 2]);
+        let mut twisted: f64 = 0.0;
+        while !right.is_done() {
+            step(&mut right, &bone, &wrenches);
+            step(&mut left, &bone, &wrenches);
+            wrenches = bone.step(&right);
+            for (a, b) in right.targets().iter().zip(left.targets()) {
+                let off = mirrored(a.translation.vector) - b.translation.vector;
+                assert!(off.norm() < 1e-9);
+                for axis in [Vec3::x(), Vec3::z()] {
+                    let turned = mirrored(a.rotation * axis) - b.rotation * axis;
+                    assert!(turned.norm() < 1e-9, "{turned}");
+                }
+            }
+            twisted = twisted.max(right.hands[0].twist);
+        }
+        assert!(twisted > 0.3);
     }
 
     #[test]
