@@ -166,6 +166,14 @@ impl TetMesh {
         let sum: f64 = self.edges.iter().map(|e| self.edge_vector(e).norm()).sum();
         sum / self.edges.len() as f64
     }
+    /// Mean length of some edges \[mm\], given by their numbers; zero of none.
+    pub fn mean_length(&self, edges: &[u32]) -> f64 {
+        let lengths = edges
+            .iter()
+            .map(|&e| self.edge_vector(&self.edges[e as usize]).norm());
+        lengths.sum::<f64>() / edges.len().max(1) as f64
+    }
+
     /// Vector from the first to the second node of an edge.
     pub fn edge_vector(&self, e: &[u32; 2]) -> Vec3 {
         self.nodes[e[1] as usize] - self.nodes[e[0] as usize]

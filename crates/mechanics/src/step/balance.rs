@@ -113,12 +113,35 @@ impl<'a> Balance<'a> {
         growths: impl IntoIterator<Item = Vec<Vec3>>,
     ) -> Result<Option<Trial>, BodyError> {
         for moves in growths {
-            let trial = self.weigh(self.body.advanced(&[(front, &moves)]))?;
+            let mut trial = self.weigh(self.body.advanced(&[(front, &moves)]))?;
+            if trial.is_none()
+                && let Some(moves) = self.through_an_element(front, &moves)
+            {
+                trial = self.weigh(self.body.advanced(&[(front, &moves)]))?;
+            }
             if let Some(paid) = trial.filter(|t| t.ratio >= 1.0) {
                 return Ok(Some(paid));
             }
         }
         Ok(None)
+    }
+
+    /// Moves that are short against the element in which the front moves farthest, made as long as it is: away from the line a graded
+    /// mesh has elements that no increment would ever cut.
+    fn through_an_element(&self, front: &Front, moves: &[Vec3]) -> Option<Vec<Vec3>> {
+        const SHORT: f64 = 0.5;
+        let solid = &self.body.solid;
+        let farthest = longest(moves);
+        let place = moves.iter().position(|m| m.norm() == farthest)?;
+        let vertices = &self.body.crack.sheets[front.sheet].mesh.vertices;
+        let position = vertices[front.vertices[place] as usize];
+        let (tet, _) = solid
+            .locator
+            .find_near(&solid.mesh, &position, solid.lengths.h)?;
+        let size = solid
+            .mesh
+            .mean_length(&solid.mesh.tet_edges()[tet as usize]);
+        (farthest < SHORT * size).then(|| scaled(moves, size / farthest))
     }
 
     /// Short pieces of a stretch, each moved as far as if it were alone, hardest driven first.

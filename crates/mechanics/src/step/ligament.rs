@@ -21,21 +21,25 @@ pub(super) fn weakest(
     balance: &Balance,
     settings: &PropagationSettings,
 ) -> Result<Option<(usize, Trial)>, BodyError> {
-    let (mesh, h) = (&bone.body.mesh, bone.body.lengths.h);
+    let mesh = &bone.body.mesh;
     let share = settings.ligament_share * mesh.edges().len() as f64;
     let limit = settings.ligament_edges.max(share as usize);
     let Some(edges) = bone.bridge(limit) else {
         return Ok(None);
     };
     let mut weakest: Option<(usize, Trial)> = None;
+    // Away from the line the elements of a graded mesh are larger.
+    let size = |edges: &[u32]| mesh.mean_length(edges).max(bone.body.lengths.h);
     let ligaments = connected(mesh, edges);
-    let pieces = ligaments.iter().flat_map(|l| bites(mesh, l, BITE * h));
+    let pieces = ligaments
+        .iter()
+        .flat_map(|l| bites(mesh, l, BITE * size(l)));
     let pieces = pieces.filter(|p| p.len() < edges.len());
     for torn in std::iter::once(edges.to_vec()).chain(pieces) {
         let mut growth = bone.advanced(&[]);
         growth.tear(mesh, &torn);
         let trial = balance.weigh(growth)?;
-        if let Some(trial) = trial.filter(|t| t.area <= LARGEST * h * h)
+        if let Some(trial) = trial.filter(|t| t.area <= LARGEST * size(&torn).powi(2))
             && weakest.as_ref().is_none_or(|w| trial.ratio > w.1.ratio)
         {
             weakest = Some((torn.len(), trial));
