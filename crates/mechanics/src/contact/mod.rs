@@ -3,6 +3,7 @@ mod boundary_points;
 mod bounding_volumes;
 mod friction;
 mod near;
+mod near_places;
 mod point_shell;
 mod query;
 mod response;
@@ -14,6 +15,7 @@ pub use boundary_points::boundary_points;
 pub use bounding_volumes::BoundingVolumes;
 pub use friction::Anchors;
 pub use near::{NearPoints, cells_about};
+pub use near_places::NearPlaces;
 pub use point_shell::{PointOrigin, PointShell, RenewedCells, ShellPoint, ShellPoints};
 pub use query::{Contact, ContactScene, penetrations, penetrations_in};
 pub use response::{

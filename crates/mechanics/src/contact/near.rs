@@ -127,11 +127,20 @@ impl NearPoints {
         world_from_shape: &Pose,
         scene: &ContactScene,
     ) {
-        let is_seen = |f: &Found| scene.state != 0 && f.state == scene.state;
-        if self.found.as_ref().is_some_and(is_seen) && self.holds(shape, world_from_shape) {
-            return;
+        if !self.serves(shape, world_from_shape, scene) {
+            self.find_in::<L>(shape, world_from_shape, scene);
         }
-        self.find_in::<L>(shape, world_from_shape, scene);
+    }
+
+    /// Whether they are those near the shape at `world_from_shape` in this state of the scene.
+    pub(super) fn serves(
+        &self,
+        shape: &RigidShape,
+        world_from_shape: &Pose,
+        scene: &ContactScene,
+    ) -> bool {
+        let is_seen = |f: &Found| scene.state != 0 && f.state == scene.state;
+        self.found.as_ref().is_some_and(is_seen) && self.holds(shape, world_from_shape)
     }
 
     /// Whether they serve the shape at `world_from_shape` in the state in which they were found.

@@ -149,7 +149,7 @@ impl MainState {
     }
 
     /// The points near the tools where the last step left them.
-    pub fn near(&self) -> &[NearPoints; 2] {
+    pub fn near(&self) -> [&NearPoints; 2] {
         self.tools.near()
     }
 }

@@ -1,8 +1,8 @@
 use super::bone_compliance::{Carried, Held, hold, shifted};
 use super::{BoneCompliance, Coupling, Matrix12, Vector12, bounded_step};
 use crate::contact::{
-    Anchors, Contact, ContactLaw, ContactScene, NearPoints, PairResponse, PointForce, Response,
-    RigidShape, Vector6, Wrench, add_static, append_point_forces, penetrations, respond,
+    Anchors, Contact, ContactLaw, ContactScene, NearPlaces, NearPoints, PairResponse, PointForce,
+    Response, RigidShape, Vector6, Wrench, add_static, append_point_forces, penetrations, respond,
     respond_pair,
 };
 use crate::geometry::{DistanceGrid, Pose};
@@ -152,7 +152,7 @@ impl Default for ScratchLimits {
 /// The memory of [`solve_tools`] and its last contacts. Nothing allocates after construction.
 #[derive(Clone, Debug)]
 pub struct ToolScratch {
-    near: [NearPoints; 2],
+    near: [NearPlaces; 2],
     n_dropped: [usize; 2],
     now: [Evaluation; 2],
     trial: [Evaluation; 2],
@@ -177,17 +177,14 @@ impl Evaluation {
         pose: &Pose,
         model: &ToolModel,
         input: &ToolInput,
-        own: &mut NearPoints,
+        own: &mut NearPlaces,
     ) -> usize {
         let (shape, scene) = (&model.tools[t].shape, &input.scene);
         self.pose = *pose;
         let found = scene.near.map(|near| &near[t]);
         let near = match found.filter(|near| near.holds(shape, pose)) {
             Some(near) => near,
-            None => {
-                own.follow(shape, pose, scene);
-                &*own
-            }
+            None => own.follow(shape, pose, scene),
         };
         penetrations(shape, pose, scene, near, &mut self.contacts);
         self.response = respond(&mut self.contacts, &model.law, &input.anchors[t], pose);
@@ -203,7 +200,7 @@ impl ToolScratch {
             contacts: Vec::with_capacity(limits.n_contacts),
             response: Response::NONE,
         };
-        let near = || NearPoints::with_capacity(limits.n_cells, limits.n_contacts);
+        let near = || NearPlaces::with_capacity(limits.n_cells, limits.n_contacts);
         Self {
             near: [near(), near()],
             n_dropped: [0; 2],
@@ -229,8 +226,8 @@ impl ToolScratch {
     }
 
     /// The points near the tools that were looked for last.
-    pub fn near(&self) -> &[NearPoints; 2] {
-        &self.near
+    pub fn near(&self) -> [&NearPoints; 2] {
+        self.near.each_ref().map(NearPlaces::last)
     }
 
     /// The forces of both tools on the bone at their last poses.
@@ -521,7 +518,7 @@ impl<'a> Solve<'a> {
             ..
         } = &mut *self.scratch;
         let least = self.settings.points_for_two_threads;
-        let is_much = near.iter().all(|near| near.len() >= least);
+        let is_much = near.iter().all(|near| near.last().len() >= least);
         let ([near_a, near_b], [trial_a, trial_b]) = (near, trial);
         let [dropped_a, dropped_b] = n_dropped;
         let [pose_a, pose_b] = poses;

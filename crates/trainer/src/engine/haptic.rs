@@ -54,7 +54,9 @@ impl BoneView {
         self.deformation.clone_from(&state.bone.deformation);
         self.volumes.clone_from(&state.volumes);
         self.compliance = state.compliance;
-        self.near.clone_from(state.near());
+        for (own, near) in self.near.iter_mut().zip(state.near()) {
+            own.clone_from(near);
+        }
     }
 
     /// As contact wants it.

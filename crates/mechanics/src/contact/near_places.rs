@@ -1,0 +1,49 @@
+use super::{ContactScene, NearPoints, RigidShape};
+use crate::geometry::Pose;
+
+/// The points near one shape at the last few places where it was tried: a solve goes to and fro between where the shape is and where
+/// it might be, and the points must not be looked for at each end anew.
+#[derive(Clone, Debug)]
+pub struct NearPlaces {
+    places: [NearPoints; N_PLACES],
+    /// The higher, the later.
+    used: [u64; N_PLACES],
+    last: usize,
+}
+
+/// Where the shape is, and up to three trials that were refused before one was taken.
+const N_PLACES: usize = 4;
+
+impl NearPlaces {
+    /// Room for `n_cells` near cells and `n_points` near points at each place.
+    pub fn with_capacity(n_cells: usize, n_points: usize) -> Self {
+        Self {
+            places: std::array::from_fn(|_| NearPoints::with_capacity(n_cells, n_points)),
+            used: [0; N_PLACES],
+            last: 0,
+        }
+    }
+
+    /// The points near the shape at `world_from_shape`. Looks for them only if no place serves; the one that was of no use for
+    /// longest is given up for that. Does not allocate.
+    pub fn follow(
+        &mut self,
+        shape: &RigidShape,
+        world_from_shape: &Pose,
+        scene: &ContactScene,
+    ) -> &NearPoints {
+        let serves = |near: &NearPoints| near.serves(shape, world_from_shape, scene);
+        let oldest = (0..N_PLACES).min_by_key(|k| self.used[*k]).unwrap_or(0);
+        let place = self.places.iter().position(serves).unwrap_or(oldest);
+        self.used[place] = self.used[self.last] + 1;
+        self.last = place;
+        let near = &mut self.places[place];
+        near.follow(shape, world_from_shape, scene);
+        near
+    }
+
+    /// Those of the last [`follow`](Self::follow).
+    pub fn last(&self) -> &NearPoints {
+        &self.places[self.last]
+    }
+}
