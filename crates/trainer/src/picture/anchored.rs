@@ -164,17 +164,16 @@ impl<'a> SawCuts<'a> {
         is_near.then(|| (0..3).map(|k| corners[k] * w[k]).sum())
     }
 
-    /// Where the saw came from: of its cuts' vertices out of the bone that nearest to `p`, if it is no farther than an element.
-    pub fn mouth(&self, region: &dyn SignedDistance, p: &Vec3) -> Option<Vec3> {
-        let of_sheet = |sheet: &'_ Sheet| {
-            let sawn = sheet.mesh.triangles.iter().flatten();
-            let at = sawn.map(|v| sheet.mesh.vertices[*v as usize]);
-            let out = at.filter(|q| region.signed(q) > 0.0);
-            out.min_by(|a, b| (a - p).norm().total_cmp(&(b - p).norm()))
+    /// Where the saw came from: its cuts' vertices out of the bone.
+    pub fn mouth(&self, region: &dyn SignedDistance) -> Vec<Vec3> {
+        let of_sheet = |sheet: &Sheet| {
+            let mut sawn: Vec<u32> = sheet.mesh.triangles.iter().flatten().copied().collect();
+            sawn.sort_unstable();
+            sawn.dedup();
+            let at = sawn.into_iter().map(|v| sheet.mesh.vertices[v as usize]);
+            at.filter(|p| region.signed(p) > 0.0).collect::<Vec<_>>()
         };
-        let mouths = self.sawn.iter().filter_map(of_sheet);
-        let nearest = mouths.min_by(|a, b| (a - p).norm().total_cmp(&(b - p).norm()));
-        nearest.filter(|q| (q - p).norm() < self.body.solid.lengths.h)
+        self.sawn.iter().flat_map(of_sheet).collect()
     }
 }
 

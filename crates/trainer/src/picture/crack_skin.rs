@@ -268,6 +268,7 @@ impl Parting<'_> {
         let mut outward: HashMap<Base, Vec3> = HashMap::new();
         let mut across: HashMap<Base, (Vec3, f64)> = HashMap::new();
         let mut sawn: HashSet<Base> = HashSet::new();
+        let mouth = self.saw.mouth(region);
         for (i, edge) in self.borders() {
             let piece = &self.pieces[i];
             let tet = self.body.topology.cells()[piece.cells[0] as usize].tet;
@@ -302,8 +303,11 @@ impl Parting<'_> {
             let mut clear = reach.filter(|s| region.signed(&(from + direction * *s)) > 0.05 * h);
             let length = (clear.next().unwrap_or(0.3 * h) + 0.1 * h).max(0.6 * h);
             // Coarse tetrahedra end well before a sharp ridge: from there, a little askew comes out beside the saw's slit.
-            let mouth = sawn.contains(&base).then(|| self.saw.mouth(region, &from));
-            let way = mouth.flatten().map_or(direction * length, |q| q - from);
+            let ways = mouth.iter().map(|q| q - from).filter(|w| w.norm() < h);
+            let nearest = ways.min_by(|a, b| a.norm().total_cmp(&b.norm()));
+            let way = nearest
+                .filter(|_| sawn.contains(&base))
+                .unwrap_or(direction * length);
             self.way_out.insert(base, way);
         }
         for (i, [p, q]) in ends {
