@@ -1,6 +1,12 @@
 //! Project chores: `cargo run -p xtask -- meshes` writes the meshes and cracks of `validation/`,
 //! `cargo run --release -p xtask -- validation` solves them and writes `docs/validation.md`,
-//! `cargo run -p xtask -- scaling nodes a.json b.json` (or `points`) draws `docs/performance/` from runs of `osteotome bench --json`.
+//! `cargo run -p xtask -- scaling nodes a.json b.json` (or `points`) draws `docs/performance/` from runs of `osteotome bench --json`,
+//! `cargo run --release -p xtask -- jaw-split SCENARIO kept|driven OUT` splits a jaw under force pairs.
+#[expect(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "a chore talks to whoever runs it"
+)]
 mod jaw_split;
 mod meshes;
 mod scaling;
@@ -15,6 +21,8 @@ fn main() -> Result<()> {
         ["validation"] => validation::write(),
         ["jaw-split", ..] => jaw_split::run(&arguments[1..]),
         ["scaling", what, ..] => scaling::write(what, &arguments[2..]),
-        _ => bail!("give a chore: meshes, validation, or scaling nodes|points FILE..."),
+        _ => bail!(
+            "give a chore: meshes, validation, scaling nodes|points FILE..., or jaw-split SCENARIO kept|driven OUT"
+        ),
     }
 }

@@ -261,7 +261,7 @@ fn empty_slices_are_where_the_spacing_says() {
     let mut every_other = scan();
     every_other.gap = Some(0.7);
     let first = place([0, 0, 0]);
-    let is_even = |f: &Frame| ((f.at - first).norm() / 0.7).round() as usize % 2 == 0;
+    let is_even = |f: &Frame| (((f.at - first).norm() / 0.7).round() as usize).is_multiple_of(2);
     every_other.frames.retain(is_even);
     let volume = parse_segmentation(&PLAIN.write(&every_other), "s").unwrap();
     assert_eq!(volume.size, [7, 5, 5]);

@@ -279,9 +279,9 @@ impl Sum {
         add_moment(&mut self.normal, r, &normal);
         add_moment(&mut self.friction, r, &friction);
         self.energy += wider(f32x4::splat(0.5) * push * four.depth);
-        for i in 0..3 {
-            for k in 0..3 {
-                self.virial[i][k] += (normal[i] + friction[i]) * r[k];
+        for (i, row) in self.virial.iter_mut().enumerate() {
+            for (sum, r) in row.iter_mut().zip(r) {
+                *sum += (normal[i] + friction[i]) * *r;
             }
         }
         self.stiffness
