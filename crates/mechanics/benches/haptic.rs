@@ -133,7 +133,9 @@ fn steps(n: usize, depth: f64) {
 }
 
 fn main() {
-    [8, 15, 26, 46].map(query);
+    for n in [8, 15, 26, 46] {
+        query(n);
+    }
     for (n, depth) in [(8, 1.0), (8, 3.0), (24, 1.0), (24, 3.0), (24, 8.0)] {
         steps(n, depth);
     }
