@@ -91,9 +91,10 @@ impl Drop for Display {
     }
 }
 
-/// A folder in which a script is rehearsed.
+/// A jaw that is quick to make and to draw.
 const SMALL_JAW: [&str; 4] = ["--set", "mesh.nodes=300", "--set", "mesh.shell_points=6000"];
 
+/// A folder in which a script is rehearsed.
 struct Stage {
     folder: tempfile::TempDir,
     display: Display,
