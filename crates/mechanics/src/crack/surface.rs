@@ -73,16 +73,10 @@ impl Sheet {
 
     /// The point of the sheet closest to `p`, if it is closer than `reach`.
     pub fn closest_within(&self, p: &Vec3, reach: f64) -> Option<Vec3> {
-        let feet = (0..self.mesh.triangles.len()).filter_map(|t| {
-            let corners = self.mesh.corners(t);
-            let near = Aabb::around(&corners).grown(reach).contains(p);
-            near.then(|| closest_on_triangle(p, &corners))
-                .map(|w| (0..3).map(|k| corners[k] * w[k]).sum::<Vec3>())
-        });
-        feet.map(|foot| ((foot - p).norm(), foot))
-            .filter(|(d, _)| *d < reach)
-            .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map(|(_, foot)| foot)
+        let triangles = (0..self.mesh.triangles.len()).map(|t| self.mesh.corners(t));
+        triangles
+            .filter_map(|corners| foot_within(p, &corners, reach))
+            .min_by(|a, b| (a - p).norm().total_cmp(&(b - p).norm()))
     }
 
     /// The sheet's triangles and those of its lead.
@@ -94,12 +88,8 @@ impl Sheet {
 
     /// Whether some point of the sheet or of its lead is closer to `p` than `reach`.
     pub fn is_near(&self, p: &Vec3, reach: f64) -> bool {
-        self.triangles().any(|corners| {
-            Aabb::around(&corners).grown(reach).contains(p) && {
-                let w = closest_on_triangle(p, &corners);
-                ((0..3).map(|k| corners[k] * w[k]).sum::<Vec3>() - p).norm() < reach
-            }
-        })
+        self.triangles()
+            .any(|corners| foot_within(p, &corners, reach).is_some())
     }
 
     /// Share of the way from `p` to `q` at which the sheet or its lead is first crossed.
@@ -110,6 +100,16 @@ impl Sheet {
             .filter_map(|corners| segment_crosses(p, q, &corners))
             .min_by(f64::total_cmp)
     }
+}
+
+/// The point of a triangle closest to `p`, if it is closer than `reach`.
+fn foot_within(p: &Vec3, corners: &[Vec3; 3], reach: f64) -> Option<Vec3> {
+    let foot = || {
+        let w = closest_on_triangle(p, corners);
+        (0..3).map(|k| corners[k] * w[k]).sum::<Vec3>()
+    };
+    let near = Aabb::around(corners).grown(reach).contains(p);
+    near.then(foot).filter(|foot| (foot - p).norm() < reach)
 }
 
 /// A piece of crack front: consecutive border vertices of a sheet, in the sense of the sheet's own border.

@@ -151,12 +151,9 @@ impl<'a> Balance<'a> {
         };
         let starts = (0..last).step_by(WINDOW - 1).chain([last]);
         let mut windows: Vec<(f64, usize)> = starts
-            .map(|first| {
-                let window = &moves[first..first + WINDOW];
-                (window.iter().map(Vec3::norm).sum(), longest(window), first)
-            })
-            .filter(|w| w.1 >= least)
-            .map(|(sum, _, first)| (sum, first))
+            .map(|first| (first, &moves[first..first + WINDOW]))
+            .filter(|(_, window)| longest(window) >= least)
+            .map(|(first, window)| (window.iter().map(Vec3::norm).sum(), first))
             .collect();
         windows.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         let alone = |(_, first): (f64, usize)| {

@@ -876,7 +876,7 @@ mod tests {
             }
             twisted = twisted.max(right.hands[0].twist.abs());
         }
-        assert!(twisted > 0.3, "{twisted}");
+        assert!(twisted > 0.1, "{twisted}");
     }
 
     #[test]
