@@ -5,7 +5,7 @@
 //! its circles. It is linear in K_I, K_II, K_III: the 3 x 3 matrix is integrated here round a circle, with the body's own field by
 //! Stroh's formalism (Stroh 1958; Ting 1996), and solved for K.
 use super::criterion::StressIntensity;
-use super::stress_intensity::{Side, williams};
+use super::williams::{Side, williams};
 use crate::bone::{Lame, Orthotropic, stiffness};
 use nalgebra::{Complex, Matrix3, Matrix6, Vector3};
 

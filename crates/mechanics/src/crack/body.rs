@@ -3,14 +3,14 @@ use super::cut_polygon::face_pieces;
 use super::enrichment::Topology;
 use super::fragments::Fragments;
 use super::growth::{GrowthLengths, Surroundings, grow};
-use super::stress_intensity::{CellForce, Fields, Station, evaluate};
+use super::stress_intensity::{CellForce, Fields, FrontDomains, Station};
 use super::surface::{CrackSurface, Front};
 use super::system::System;
 use crate::bone::{FactorError, MaterialError, Supports, TetMaterial, free_motion};
 use crate::geometry::{TetLocator, TetMesh, Vec3};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Why a cracked body could not be made.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -132,6 +132,8 @@ pub struct CrackedBody {
     pub fragments: Fragments,
     /// Numbers of the pieces that no support holds; weak springs keep their equations regular.
     pub loose: Vec<u32>,
+    /// The fronts and what surrounds them, found when they are first asked for.
+    surrounded: OnceLock<Arc<(Vec<Front>, FrontDomains)>>,
 }
 
 /// Spring to the ground at the nodes of a piece that nothing holds, relative to E h.
@@ -172,6 +174,7 @@ impl CrackedBody {
             crack,
             cuts,
             topology,
+            surrounded: OnceLock::new(),
         })
     }
 
@@ -248,8 +251,8 @@ impl CrackedBody {
 
     /// The work f . u of loads with the displacements that they cause: twice the elastic energy \[N mm\].
     pub fn work(&self, loads: &[CellForce]) -> f64 {
-        let half = self.system.half_solve(&[self.sparse_loads(loads)]);
-        half.compliance(&half)[0]
+        let loads = self.sparse_loads(loads);
+        self.system.work(&loads, &self.system.base_half(&loads))
     }
 
     /// What growing from `before` to this body costs: effective area \[mm2\] and energy \[N mm\] of the new faces.
@@ -291,7 +294,7 @@ impl CrackedBody {
 
     /// G and K at every vertex of every front under `loads`, whose solution is `x`.
     ///
-    /// `k_from`: see [`evaluate`].
+    /// `k_from`: see [`FrontDomains::evaluate`].
     pub fn evaluate_fronts(
         &self,
         x: &[f64],
@@ -309,10 +312,18 @@ impl CrackedBody {
             x,
             loads,
         };
-        let fronts = self.fronts();
-        let all = evaluate(&fields, &self.crack, &fronts, s.lengths.h, k_from);
-        let pair = |(front, stations)| EvaluatedFront { front, stations };
-        fronts.into_iter().zip(all).map(pair).collect()
+        let surrounded = self.surrounded.get_or_init(|| {
+            let fronts = self.fronts();
+            let domains = FrontDomains::new(&fields, &self.crack, &fronts, s.lengths.h);
+            Arc::new((fronts, domains))
+        });
+        let (fronts, domains) = &**surrounded;
+        let all = domains.evaluate(&fields, k_from).into_iter();
+        let pair = |(front, stations): (&Front, _)| EvaluatedFront {
+            front: front.clone(),
+            stations,
+        };
+        fronts.iter().zip(all).map(pair).collect()
     }
 
     /// The crack after its fronts have moved, one vector \[mm\] for each vertex of each front.
@@ -390,6 +401,7 @@ impl CrackedBody {
             crack,
             cuts,
             topology,
+            surrounded: OnceLock::new(),
         })
     }
 }

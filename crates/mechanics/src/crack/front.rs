@@ -4,6 +4,7 @@ use super::stress_intensity::Fields;
 use super::surface::{Front, Sheet};
 use crate::geometry::{Aabb, TetMesh, Vec3};
 use rustc_hash::FxHashMap;
+use std::ops::Range;
 
 /// Half width of the hat that averages frames along the front, in element sizes.
 const FRAME_HAT: f64 = 1.5;
@@ -15,6 +16,7 @@ const LARGEST_CURVATURE: f64 = 0.4;
 const LARGEST_OFFSET: f64 = 0.5;
 
 /// A front with right-handed frames (q outward, n normal, t = q x n); t runs against the line.
+#[derive(Debug)]
 pub(super) struct FrontLine {
     pub(super) points: Vec<Vec3>,
     pub(super) arc: Vec<f64>,
@@ -24,10 +26,22 @@ pub(super) struct FrontLine {
     pub(super) curvature: Vec<f64>,
     pub(super) closed_length: Option<f64>,
     segments: Vec<Segment>,
+    stretches: Vec<Stretch>,
     bounds: Aabb,
 }
 
+/// A few segments that follow each other, passed over where they are too far.
+#[derive(Debug)]
+struct Stretch {
+    segments: Range<usize>,
+    bounds: Aabb,
+}
+
+/// Segments in a stretch.
+const STRETCH: usize = 6;
+
 /// A straight piece of the line.
+#[derive(Debug)]
 struct Segment {
     begin: Vec3,
     along: Vec3,
@@ -68,6 +82,7 @@ impl FrontLine {
             curvature: Vec::new(),
             closed_length: front.closed.then_some(0.0),
             segments: Vec::new(),
+            stretches: Vec::new(),
             bounds: Aabb::EMPTY,
         };
         line.measure();
@@ -99,6 +114,16 @@ impl FrontLine {
                     arc,
                     length: along.norm(),
                 }
+            })
+            .collect();
+        self.stretches = (0..self.segments.len())
+            .step_by(STRETCH)
+            .map(|first| {
+                let segments = first..(first + STRETCH).min(self.segments.len());
+                let own = &self.segments[segments.clone()];
+                let ends = own.iter().flat_map(|s| [s.begin, s.begin + s.along]);
+                let bounds = Aabb::around(&ends.collect::<Vec<_>>());
+                Stretch { segments, bounds }
             })
             .collect();
     }
@@ -226,12 +251,17 @@ impl FrontLine {
         }
         // Ties go to the smaller arc length.
         let mut best = (reach * reach, None);
-        for segment in &self.segments {
-            let from = p - segment.begin;
-            let w = (from.dot(&segment.along) * segment.per_length_squared).clamp(0.0, 1.0);
-            let distance = (from - segment.along * w).norm_squared();
-            if distance < best.0 {
-                best = (distance, Some(segment.arc + w * segment.length));
+        for stretch in &self.stretches {
+            if stretch.bounds.distance_squared(p) >= best.0 {
+                continue;
+            }
+            for segment in &self.segments[stretch.segments.clone()] {
+                let from = p - segment.begin;
+                let w = (from.dot(&segment.along) * segment.per_length_squared).clamp(0.0, 1.0);
+                let distance = (from - segment.along * w).norm_squared();
+                if distance < best.0 {
+                    best = (distance, Some(segment.arc + w * segment.length));
+                }
             }
         }
         best.1.map(|s| (best.0.sqrt(), s))
@@ -243,20 +273,6 @@ impl FrontLine {
         let d = p - frame.origin;
         let (x, y) = (d.dot(&frame.advance), d.dot(&frame.normal));
         Some((Place { r, s, x, y }, frame))
-    }
-
-    /// Tetrahedra whose box comes within `reach` of the front, ascending.
-    pub(super) fn tets_near(&self, fields: &Fields, reach: f64) -> Vec<u32> {
-        let mut is_near = vec![false; fields.mesh.tets().len()];
-        for k in 0..self.n_segments() {
-            let (a, b, _) = self.segment(k);
-            let query = Aabb::around(&[a, b]).grown(reach);
-            fields
-                .locator
-                .tets_near(&query, |t| is_near[t as usize] = true);
-        }
-        let near = (0u32..).zip(is_near).filter(|t| t.1);
-        near.map(|t| t.0).collect()
     }
 
     /// For each vertex: share of its hat inside the body, and the integral of the hat there \[mm\].
@@ -298,11 +314,15 @@ impl FrontLine {
 
     /// Where the effective front lies ahead of each vertex \[mm\]: the crack's area as mechanics knows it, each piece counted as
     /// far as it is free to open, against the area behind the line.
-    pub(super) fn effective_offsets(&self, fields: &Fields, tets: &[u32], h: f64) -> Vec<f64> {
+    pub(super) fn effective_offsets(&self, fields: &Fields, h: f64) -> Vec<f64> {
         let n = self.points.len();
         let mut excess = vec![0.0; n];
         let half_width = WIDE_HAT * h;
-        for &t in tets {
+        let divided = (0..fields.mesh.tets().len() as u32).filter(|&t| {
+            let corners = || fields.mesh.corners(t as usize);
+            fields.topology.is_divided(t) && self.comes_within(1.5 * h, &Aabb::around(&corners()))
+        });
+        for t in divided {
             face_pieces(fields.mesh, fields.cuts, fields.topology, t, |f| {
                 let Some((place, frame)) = self.place(&f.centre, 2.2 * h) else {
                     return;
@@ -342,22 +362,29 @@ impl FrontLine {
         self
     }
 
-    /// Nodes of some tetrahedra within `reach` of the line, ascending.
-    pub(super) fn nodes_near(&self, mesh: &TetMesh, tets: &[u32], reach: f64) -> Vec<NearNode> {
-        let mut is_candidate = vec![false; mesh.nodes().len()];
-        for n in tets.iter().flat_map(|&t| mesh.tets()[t as usize]) {
-            is_candidate[n as usize] = true;
-        }
-        let candidates = (0u32..).zip(is_candidate).filter(|n| n.1);
-        let near = |(node, _): (u32, bool)| {
-            let (r, s) = self.project(&mesh.nodes()[node as usize], reach)?;
+    /// Whether the box of some segment, grown by `reach`, meets a box.
+    fn comes_within(&self, reach: f64, bounds: &Aabb) -> bool {
+        let query = bounds.grown(reach);
+        self.stretches.iter().any(|stretch| {
+            let segment = |s: &Segment| Aabb::around(&[s.begin, s.begin + s.along]);
+            stretch.bounds.overlaps(&query)
+                && (self.segments[stretch.segments.clone()].iter())
+                    .any(|s| segment(s).overlaps(&query))
+        })
+    }
+
+    /// Nodes within `reach` of the line, ascending.
+    pub(super) fn nodes_near(&self, mesh: &TetMesh, reach: f64) -> Vec<NearNode> {
+        let near = |(node, at): (u32, &Vec3)| {
+            let (r, s) = self.project(at, reach)?;
             Some(NearNode { node, r, s })
         };
-        candidates.filter_map(near).collect()
+        (0u32..).zip(mesh.nodes()).filter_map(near).collect()
     }
 }
 
 /// A node near the front: distance and place along it.
+#[derive(Debug)]
 pub(super) struct NearNode {
     pub(super) node: u32,
     pub(super) r: f64,

@@ -61,14 +61,21 @@ impl Sheet {
 
     /// The point of the sheet closest to `p`: distance, triangle, barycentric coordinates.
     pub fn closest(&self, p: &Vec3) -> Option<(f64, usize, [f64; 3])> {
-        (0..self.mesh.triangles.len())
-            .map(|t| {
-                let corners = self.mesh.corners(t);
-                let w = closest_on_triangle(p, &corners);
-                let foot: Vec3 = (0..3).map(|k| corners[k] * w[k]).sum();
-                ((p - foot).norm(), t, w)
-            })
-            .min_by(|a, b| a.0.total_cmp(&b.0))
+        let mut best: Option<(f64, usize, [f64; 3])> = None;
+        for t in 0..self.mesh.triangles.len() {
+            let corners = self.mesh.corners(t);
+            let reach = best.map_or(f64::INFINITY, |b| b.0);
+            if Aabb::around(&corners).distance_squared(p) >= reach * reach {
+                continue;
+            }
+            let w = closest_on_triangle(p, &corners);
+            let foot: Vec3 = (0..3).map(|k| corners[k] * w[k]).sum();
+            let distance = (p - foot).norm();
+            if distance < reach {
+                best = Some((distance, t, w));
+            }
+        }
+        best
     }
 
     /// The point of the sheet closest to `p`, if it is closer than `reach`.

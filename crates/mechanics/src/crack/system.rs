@@ -1,7 +1,7 @@
 use super::enrichment::{Cell, STANDARD, Topology, lineage};
 use crate::bone::{
-    BlockMatrix, BorderRow, Bordered, Elasticity, Factor, FactorError, HalfSolved, Region,
-    SolveScratch, Supports, Swept, TetMaterial, add_product, decouple,
+    BaseHalf, BlockMatrix, BorderRow, Bordered, Elasticity, Factor, FactorError, HalfSolved,
+    Region, SolveScratch, Supports, Swept, TetMaterial, add_product, decouple,
 };
 use crate::geometry::{TetMesh, Vec3};
 use nalgebra::Matrix3;
@@ -396,6 +396,16 @@ impl System {
     /// The forward half of a solve for sparse right-hand sides B: [`HalfSolved::compliance`] of two of them is B^T K^-1 C.
     pub fn half_solve(&self, columns: &[Vec<(u32, f64)>]) -> HalfSolved {
         self.factor.half_solve(columns)
+    }
+
+    /// What [`work`](Self::work) can take over from one sparse right-hand side for the next; see [`Bordered::base_half`].
+    pub fn base_half(&self, b: &[(u32, f64)]) -> BaseHalf {
+        self.factor.base_half(b)
+    }
+
+    /// b . K^-1 b; see [`Bordered::work`].
+    pub fn work(&self, b: &[(u32, f64)], known: &BaseHalf) -> f64 {
+        self.factor.work(b, known)
     }
 
     /// The forward half of a solve for any right-hand side; see [`Bordered::sweep_up`].

@@ -65,6 +65,12 @@ impl Aabb {
         (0..3).all(|k| self.min[k] <= p[k] && p[k] <= self.max[k])
     }
 
+    /// Square of the distance to a point, 0 inside.
+    pub fn distance_squared(&self, p: &Vec3) -> f64 {
+        let beyond = (self.min - p).sup(&(p - self.max));
+        beyond.sup(&Vec3::zeros()).norm_squared()
+    }
+
     /// Edge lengths.
     pub fn extent(&self) -> Vec3 {
         self.max - self.min

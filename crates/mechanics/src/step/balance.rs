@@ -2,9 +2,11 @@
 //!
 //! The integrals that drive the fronts are good to some per cent on a smooth front far from others, but not where chisels
 //! press beside it or fronts close in on each other; the balance is the guard against both.
+use crate::bone::BaseHalf;
 use crate::crack::stress_intensity::CellForce;
 use crate::crack::{BodyError, CrackedBody, Front, Growth};
 use crate::geometry::Vec3;
+use std::cell::OnceCell;
 
 /// A cut of next to no area still has to be torn by something \[N mm\].
 const LEAST_COST: f64 = 1e-3;
@@ -13,8 +15,15 @@ const LEAST_COST: f64 = 1e-3;
 pub(super) struct Balance<'a> {
     body: &'a CrackedBody,
     loads: &'a [CellForce],
+    stored: OnceCell<Stored>,
+}
+
+/// What the loads have stored in the body.
+struct Stored {
     /// f . u, twice the elastic energy \[N mm\].
     work: f64,
+    /// Their part that all trials have in common.
+    common: BaseHalf,
 }
 
 /// A growth that was tried.
@@ -30,10 +39,22 @@ pub(super) struct Trial {
 impl<'a> Balance<'a> {
     pub fn new(body: &'a CrackedBody, loads: &'a [CellForce]) -> Self {
         Self {
-            work: body.work(loads),
             body,
             loads,
+            stored: OnceCell::new(),
         }
+    }
+
+    fn stored(&self) -> &Stored {
+        self.stored.get_or_init(|| {
+            let system = &self.body.system;
+            let loads = self.body.sparse_loads(self.loads);
+            let common = system.base_half(&loads);
+            Stored {
+                work: system.work(&loads, &common),
+                common,
+            }
+        })
     }
 
     /// Tries a growth; none if it cuts nothing.
@@ -50,19 +71,20 @@ impl<'a> Balance<'a> {
         let carried = body.carry_loads(self.body, self.loads);
         let stays = |l: &&CellForce| !body.is_debris(l.cell);
         let staying: Vec<CellForce> = carried.iter().filter(stays).copied().collect();
+        let Stored { work, common } = self.stored();
         let before = if staying.len() == carried.len() {
-            self.work
+            *work
         } else {
             let kept = self.loads.iter().zip(&carried).filter(|(_, c)| stays(c));
             self.body.work(&kept.map(|(l, _)| *l).collect::<Vec<_>>())
         };
-        let after = body.work(&staying);
+        let after = body.system.work(&body.sparse_loads(&staying), common);
         let held = if after > before {
             before * before / after
         } else {
             before
         };
-        let released = 0.5 * (self.work - held);
+        let released = 0.5 * (work - held);
         let ratio = released / cost.max(LEAST_COST);
         Ok(Some(Trial { body, ratio, area }))
     }
