@@ -148,6 +148,10 @@ impl Study {
                 break;
             };
             self.bone = grown;
+            if self.bone.is_border_heavy() {
+                let base = self.bone.refactored()?;
+                self.bone.rebase(&base)?;
+            }
             force = step.force;
             eprintln!(
                 "{} {:.0} N {:.0} mm2, {} faces pressed, {} pieces",

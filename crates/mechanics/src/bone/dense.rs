@@ -53,50 +53,80 @@ impl Precision for Single {
     }
 }
 
+/// Runs `f` compiled for the widest vectors that this processor has. What `f` calls must be inlined into it.
+#[inline(always)]
+fn vectorized<R>(f: impl FnOnce() -> R) -> R {
+    pulp::Arch::new().dispatch(f)
+}
+
+/// Columns that are passed through together: what they have in common is read once for all.
+const TOGETHER: usize = 4;
+
 /// out += A x for columns of length `out.len()`, `stride` apart.
 pub fn add_columns<T: Copy + Into<f64>>(out: &mut [f64], a: &[T], stride: usize, x: &[f64]) {
     let n = out.len();
     let column = |c: usize| &a[c * stride..c * stride + n];
-    let mut c = 0;
-    // Four columns at a time: `out` is read and written once for all of them.
-    while c + 4 <= x.len() {
-        let (a0, a1, a2, a3) = (column(c), column(c + 1), column(c + 2), column(c + 3));
-        let (x0, x1, x2, x3) = (x[c], x[c + 1], x[c + 2], x[c + 3]);
-        for ((((o, a0), a1), a2), a3) in out.iter_mut().zip(a0).zip(a1).zip(a2).zip(a3) {
-            let (a0, a1, a2, a3) = ((*a0).into(), (*a1).into(), (*a2).into(), (*a3).into());
-            *o += (a0 * x0 + a1 * x1) + (a2 * x2 + a3 * x3);
+    vectorized(|| {
+        let fours = x.chunks_exact(TOGETHER);
+        let last = x.len() - fours.remainder().len();
+        for (k, x) in fours.enumerate() {
+            let [a0, a1, a2, a3] = [0, 1, 2, 3].map(|i| column(TOGETHER * k + i));
+            for ((((o, a0), a1), a2), a3) in out.iter_mut().zip(a0).zip(a1).zip(a2).zip(a3) {
+                let (a0, a1, a2, a3) = ((*a0).into(), (*a1).into(), (*a2).into(), (*a3).into());
+                *o += (a0 * x[0] + a1 * x[1]) + (a2 * x[2] + a3 * x[3]);
+            }
         }
-        c += 4;
-    }
-    for (c, x) in x.iter().enumerate().skip(c) {
-        let own = out.iter_mut().zip(column(c));
-        own.for_each(|(o, a)| *o += (*a).into() * x);
-    }
+        for (c, x) in x.iter().enumerate().skip(last) {
+            let own = out.iter_mut().zip(column(c));
+            own.for_each(|(o, a)| *o += (*a).into() * x);
+        }
+    });
 }
 
 /// out -= A^T y for columns of length `y.len()`, `stride` apart.
 pub fn subtract_dots<T: Copy + Into<f64>>(out: &mut [f64], a: &[T], stride: usize, y: &[f64]) {
-    for (c, o) in out.iter_mut().enumerate() {
-        *o -= dot(&a[c * stride..c * stride + y.len()], y);
-    }
+    let column = |c: usize| &a[c * stride..c * stride + y.len()];
+    vectorized(|| {
+        let mut fours = out.chunks_exact_mut(TOGETHER);
+        let mut c = 0;
+        for out in &mut fours {
+            let sums = dots([0, 1, 2, 3].map(|i| column(c + i)), y);
+            out.iter_mut().zip(sums).for_each(|(o, s)| *o -= s);
+            c += TOGETHER;
+        }
+        for out in fours.into_remainder() {
+            *out -= dots([column(c)], y)[0];
+            c += 1;
+        }
+    });
 }
 
-/// Sum of products, in eight lanes that the compiler can keep in vector registers.
+/// Sum of products.
 pub fn dot<T: Copy + Into<f64>>(a: &[T], b: &[f64]) -> f64 {
-    let (a_chunks, b_chunks) = (a.chunks_exact(8), b.chunks_exact(8));
-    let rest: f64 = a_chunks
-        .remainder()
-        .iter()
-        .zip(b_chunks.remainder())
-        .map(|(a, b)| (*a).into() * b)
-        .sum();
-    let mut lanes = [0.0; 8];
-    for (a, b) in a_chunks.zip(b_chunks) {
-        for k in 0..8 {
-            lanes[k] += a[k].into() * b[k];
+    vectorized(|| dots([a], b)[0])
+}
+
+/// Sums of products, in lanes that the compiler can keep in vector registers.
+#[inline(always)]
+fn dots<T: Copy + Into<f64>, const N: usize>(a: [&[T]; N], y: &[f64]) -> [f64; N] {
+    const LANES: usize = 8;
+    let whole = y.len() / LANES * LANES;
+    let mut lanes = [[0.0; LANES]; N];
+    for i in (0..whole).step_by(LANES) {
+        let y = &y[i..i + LANES];
+        for (lanes, a) in lanes.iter_mut().zip(a) {
+            let a = &a[i..i + LANES];
+            for k in 0..LANES {
+                lanes[k] += a[k].into() * y[k];
+            }
         }
     }
-    rest + lanes.iter().sum::<f64>()
+    std::array::from_fn(|n| {
+        let [a0, a1, a2, a3, a4, a5, a6, a7] = lanes[n];
+        let rest = a[n][whole..y.len()].iter().zip(&y[whole..]);
+        let rest: f64 = rest.map(|(a, y)| (*a).into() * y).sum();
+        (((a0 + a4) + (a2 + a6)) + ((a1 + a5) + (a3 + a7))) + rest
+    })
 }
 
 /// Rows `row..row + n_rows` of the first `n` columns of a column-major matrix with `stride` rows.
