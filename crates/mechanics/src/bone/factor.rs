@@ -343,7 +343,7 @@ impl Factor {
         }
     }
 
-    /// y <- L^-T y on `path`, in places of L.
+    /// y <- L^-T y on `path`, in places of L. Supernodes that stay zero cost next to nothing.
     pub(super) fn backward<P: Precision>(&self, path: &Path, y: &mut [f64], below: &mut [f64]) {
         for &s in path.supernodes.iter().rev() {
             let (columns, pattern) = (self.columns(s as usize), self.pattern(s as usize));
@@ -354,6 +354,9 @@ impl Factor {
                 *b = y[*row as usize];
             }
             let top = &mut y[columns];
+            if top.iter().chain(&*below).all(|v| *v == 0.0) {
+                continue;
+            }
             if !pattern.is_empty() {
                 subtract_dots(top, &l[n..], stride, below);
             }

@@ -12,7 +12,7 @@ pub mod stiffness;
 mod supports;
 
 pub use block_matrix::{BlockMatrix, add_product, decouple};
-pub use bordered::{BaseHalf, BorderRow, Bordered, HalfSolved, Region, SolveScratch, Swept};
+pub use bordered::{BorderRow, Bordered, HalfSolved, Region, SolveScratch, Swept};
 pub use factor::{Factor, FactorError, Path};
 pub use material::{Elasticity, Lame, MaterialError, TetMaterial};
 pub use orthotropy::{EngineeringConstants, Orthotropic};

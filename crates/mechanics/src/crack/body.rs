@@ -251,8 +251,8 @@ impl CrackedBody {
 
     /// The work f . u of loads with the displacements that they cause: twice the elastic energy \[N mm\].
     pub fn work(&self, loads: &[CellForce]) -> f64 {
-        let loads = self.sparse_loads(loads);
-        self.system.work(&loads, &self.system.base_half(&loads))
+        let half = self.system.half_solve(&[self.sparse_loads(loads)]);
+        half.compliance(&half)[0]
     }
 
     /// What growing from `before` to this body costs: effective area \[mm2\] and energy \[N mm\] of the new faces.

@@ -1,7 +1,7 @@
 use super::enrichment::{Cell, STANDARD, Topology, lineage};
 use crate::bone::{
-    BaseHalf, BlockMatrix, BorderRow, Bordered, Elasticity, Factor, FactorError, HalfSolved,
-    Region, SolveScratch, Supports, Swept, TetMaterial, add_product, decouple,
+    BlockMatrix, BorderRow, Bordered, Elasticity, Factor, FactorError, HalfSolved, Region,
+    SolveScratch, Supports, Swept, TetMaterial, add_product, decouple,
 };
 use crate::geometry::{TetMesh, Vec3};
 use nalgebra::Matrix3;
@@ -374,6 +374,40 @@ impl System {
         pull
     }
 
+    /// The elastic energy that the last growth sets free under forces that stay what they are \[N mm\], where the body was at rest at
+    /// `x` before: half of what the forces do that the new unknowns then lack for balance. Drag holds on to `x`.
+    ///
+    /// `loads`: those forces on this body (unknown, force \[N\]). None if `before` is not what this system has grown from.
+    pub fn released(
+        &self,
+        before: &Self,
+        (mesh, topology): (&TetMesh, &Topology),
+        x: &[f64],
+        loads: &[(u32, f64)],
+    ) -> Option<f64> {
+        let grown = self.border.len() == before.border.len() + 1;
+        let rows = self.border.last().filter(|_| grown)?;
+        if !Arc::ptr_eq(&self.base, &before.base) {
+            return None;
+        }
+        let n_old = before.n();
+        let mut at = x.to_vec();
+        at.resize(self.n(), 0.0);
+        let mut lacking = vec![0.0; self.n()];
+        self.add_drag(mesh, topology, x, &mut lacking);
+        loads.iter().for_each(|(i, f)| lacking[*i as usize] += f);
+        for BlockRow { row, blocks } in rows.iter() {
+            let held = blocks.iter().map(|(col, k)| k * read(*col, &at));
+            let held: Vec3 = held.sum();
+            for k in 0..3 {
+                let i = 3 * *row as usize + k;
+                let is_free = !self.is_held(i as u32);
+                lacking[i] = if is_free { lacking[i] - held[k] } else { 0.0 };
+            }
+        }
+        Some(0.5 * self.factor.work_of_last(&lacking[n_old..]))
+    }
+
     /// The part of a cell's drag that its enrichments take part in.
     fn add_jump_drag(&self, mesh: &TetMesh, cell: &Cell, x: &[f64], rhs: &mut [f64]) {
         let t = cell.tet as usize;
@@ -396,16 +430,6 @@ impl System {
     /// The forward half of a solve for sparse right-hand sides B: [`HalfSolved::compliance`] of two of them is B^T K^-1 C.
     pub fn half_solve(&self, columns: &[Vec<(u32, f64)>]) -> HalfSolved {
         self.factor.half_solve(columns)
-    }
-
-    /// What [`work`](Self::work) can take over from one sparse right-hand side for the next; see [`Bordered::base_half`].
-    pub fn base_half(&self, b: &[(u32, f64)]) -> BaseHalf {
-        self.factor.base_half(b)
-    }
-
-    /// b . K^-1 b; see [`Bordered::work`].
-    pub fn work(&self, b: &[(u32, f64)], known: &BaseHalf) -> f64 {
-        self.factor.work(b, known)
     }
 
     /// The forward half of a solve for any right-hand side; see [`Bordered::sweep_up`].

@@ -2,28 +2,18 @@
 //!
 //! The integrals that drive the fronts are good to some per cent on a smooth front far from others, but not where chisels
 //! press beside it or fronts close in on each other; the balance is the guard against both.
-use crate::bone::BaseHalf;
+use super::bone::BoneState;
 use crate::crack::stress_intensity::CellForce;
 use crate::crack::{BodyError, CrackedBody, Front, Growth};
 use crate::geometry::Vec3;
-use std::cell::OnceCell;
 
 /// A cut of next to no area still has to be torn by something \[N mm\].
 const LEAST_COST: f64 = 1e-3;
 
-/// A body under loads, about to grow.
+/// A body at rest under loads, about to grow.
 pub(super) struct Balance<'a> {
     body: &'a CrackedBody,
-    loads: &'a [CellForce],
-    stored: OnceCell<Stored>,
-}
-
-/// What the loads have stored in the body.
-struct Stored {
-    /// f . u, twice the elastic energy \[N mm\].
-    work: f64,
-    /// Their part that all trials have in common.
-    common: BaseHalf,
+    state: &'a BoneState,
 }
 
 /// A growth that was tried.
@@ -37,30 +27,11 @@ pub(super) struct Trial {
 }
 
 impl<'a> Balance<'a> {
-    pub fn new(body: &'a CrackedBody, loads: &'a [CellForce]) -> Self {
-        Self {
-            body,
-            loads,
-            stored: OnceCell::new(),
-        }
-    }
-
-    fn stored(&self) -> &Stored {
-        self.stored.get_or_init(|| {
-            let system = &self.body.system;
-            let loads = self.body.sparse_loads(self.loads);
-            let common = system.base_half(&loads);
-            Stored {
-                work: system.work(&loads, &common),
-                common,
-            }
-        })
+    pub fn new(body: &'a CrackedBody, state: &'a BoneState) -> Self {
+        Self { body, state }
     }
 
     /// Tries a growth; none if it cuts nothing.
-    ///
-    /// Released is what a held load gives up, U (1 - C / C') for compliances C and C' before and after: the least that any way of
-    /// loading can release. Loads on what crumbles off give up all that they had stored.
     pub fn weigh(&self, growth: Growth) -> Result<Option<Trial>, BodyError> {
         let newly_cut = growth.newly_cut.clone();
         if newly_cut.is_empty() {
@@ -68,25 +39,38 @@ impl<'a> Balance<'a> {
         }
         let body = self.body.grown(growth)?;
         let (area, cost) = body.cost(self.body, &newly_cut);
-        let carried = body.carry_loads(self.body, self.loads);
-        let stays = |l: &&CellForce| !body.is_debris(l.cell);
-        let staying: Vec<CellForce> = carried.iter().filter(stays).copied().collect();
-        let Stored { work, common } = self.stored();
-        let before = if staying.len() == carried.len() {
-            *work
-        } else {
-            let kept = self.loads.iter().zip(&carried).filter(|(_, c)| stays(c));
-            self.body.work(&kept.map(|(l, _)| *l).collect::<Vec<_>>())
-        };
-        let after = body.system.work(&body.sparse_loads(&staying), common);
-        let held = if after > before {
-            before * before / after
-        } else {
-            before
-        };
-        let released = 0.5 * (work - held);
-        let ratio = released / cost.max(LEAST_COST);
+        let ratio = self.released(&body) / cost.max(LEAST_COST);
         Ok(Some(Trial { body, ratio, area }))
+    }
+
+    /// What a held load gives up, U (1 - C / C') for compliances C and C' before and after: less than what is set free if the forces
+    /// stay, and all of U at most. Loads on what crumbles off give up all that they had stored.
+    fn released(&self, grown: &CrackedBody) -> f64 {
+        let (body, loads) = (self.body, &self.state.loads);
+        let carried = grown.carry_loads(body, loads);
+        let stays = |l: &&CellForce| !grown.is_debris(l.cell);
+        let staying: Vec<CellForce> = carried.iter().filter(stays).copied().collect();
+        let part = |whole: f64, more: f64| {
+            if more > 0.0 {
+                more * whole / (whole + more)
+            } else {
+                0.0
+            }
+        };
+        if staying.len() == carried.len() {
+            let (mesh, x) = (&body.solid.mesh, &self.state.x);
+            let forces = grown.sparse_loads(&staying);
+            let at_forces =
+                (grown.system).released(&body.system, (mesh, &grown.topology), x, &forces);
+            if let Some(more) = at_forces {
+                return part(self.state.strain_energy, more);
+            }
+        }
+        let kept = loads.iter().zip(&carried).filter(|(_, c)| stays(c));
+        let kept: Vec<CellForce> = kept.map(|(l, _)| *l).collect();
+        let [all, before, after] =
+            [body.work(loads), body.work(&kept), grown.work(&staying)].map(|work| 0.5 * work);
+        all - before + part(before, after - before)
     }
 
     /// The affordable growth of a stretch of front: as a whole or, if the energy does not suffice, only where it is driven

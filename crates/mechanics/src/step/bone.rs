@@ -294,6 +294,7 @@ impl Body {
 #[cfg(test)]
 mod tests {
     use super::super::balance::Balance;
+    use super::super::crack_faces::FaceContact;
     use super::*;
     use crate::bone::{Supports, TetMaterial};
     use crate::contact::boundary_points;
@@ -302,9 +303,14 @@ mod tests {
     use crate::geometry::{Aabb, TetLocator, block_mesh};
 
     fn sawn_block() -> Bone {
+        dragged_block(0.0)
+    }
+
+    fn dragged_block(drag: f64) -> Bone {
         let mesh = block_mesh(Vec3::zeros(), Vec3::repeat(12.0), [6, 6, 6]);
         let supports = Supports {
             ground_spring: 1.0,
+            drag,
             ..Default::default()
         };
         let solid = Solid {
@@ -382,10 +388,10 @@ mod tests {
             weights: [0.25; 4],
             force: Vec3::new(0.0, 0.0, -30.0),
         };
-        let loads = [pressed(cell(&bone))];
-        let trial = Balance::new(&bone.cracked, &loads).weigh(growth).unwrap();
+        let state = bone.under_loads(&[pressed(cell(&bone))], &mut FaceContact::default());
+        let trial = Balance::new(&bone.cracked, &state).weigh(growth).unwrap();
         let trial = trial.unwrap();
-        let stored = 0.5 * bone.work(&loads);
+        let stored = state.strain_energy;
         let cost = trial.body.cost(&bone.cracked, &round).1;
         assert!((trial.ratio * cost - stored).abs() < 1e-9 * stored);
 
@@ -397,6 +403,48 @@ mod tests {
         assert!(cells.clone().any(holds));
         assert!(!cells.filter(|c| grown.is_debris(*c as u32)).any(holds));
         assert!(!grown.faces.cells().any(|c| grown.is_debris(c)));
+    }
+
+    /// What a growth sets free is known from the new unknowns alone, and soft tissue's drag, which lets go of what has come to rest, does
+    /// not keep the body from setting it free.
+    #[test]
+    fn a_growth_is_weighed_from_where_the_bone_rests() {
+        let bone = sawn_block();
+        let pushed = |i: usize| bone.faces.push_apart(i, 3.0);
+        let loads: Vec<CellForce> = (0..bone.faces.len()).flat_map(pushed).collect();
+        let state = bone.under_loads(&loads, &mut FaceContact::default());
+        let weighed = |bone: &Bone| {
+            let fronts = bone.fronts();
+            let moves = vec![Vec3::x() * 1.3; fronts[0].vertices.len()];
+            let growth = bone.advanced(&[(&fronts[0], &moves)]);
+            let trial = Balance::new(&bone.cracked, &state).weigh(growth);
+            trial.unwrap().unwrap()
+        };
+        let free = weighed(&bone);
+        let [before, after] = [
+            (&bone.cracked, &loads),
+            (&free.body, &free.body.carry_loads(&bone, &loads)),
+        ]
+        .map(|(body, loads)| body.work(loads));
+        let cuts: Vec<u32> = (0..bone.body.mesh.edges().len() as u32)
+            .filter(|e| free.body.cuts.is_cut(*e) && !bone.cuts.is_cut(*e))
+            .collect();
+        let cost = free.body.cost(&bone, &cuts).1;
+        let held = 0.5 * before * (1.0 - before / after);
+        assert!((free.ratio * cost - held).abs() < 1e-9 * held);
+
+        let dragged = dragged_block(20.0);
+        let pulled_back = dragged.work(&loads);
+        assert!(
+            pulled_back < 0.8 * before,
+            "drag is felt: {pulled_back} of {before}"
+        );
+        let ratio = weighed(&dragged).ratio;
+        assert!(
+            (0.9..1.0).contains(&(ratio / free.ratio)),
+            "{ratio} of {}",
+            free.ratio
+        );
     }
 
     /// What holds the ends together is sought near the crack: here few edges hang on either end, a corner, far from it.

@@ -102,7 +102,7 @@ pub fn propagation_step(
         let points = points.map(|((s, d), m)| FrontPoint::new(s, d, m));
         report.fronts.push(points.collect());
     }
-    let balance = Balance::new(&bone.cracked, &state.loads);
+    let balance = Balance::new(&bone.cracked, state);
     let driven = lengths.increment / drives.pace(&evaluated).max(1.0);
     let mut stretches = stretches(&evaluated, &moves);
     stretches.retain(|(_, moves)| longest(moves) >= driven);
