@@ -441,7 +441,7 @@ mod tests {
         );
         let ratio = weighed(&dragged).ratio;
         assert!(
-            (0.9..1.0).contains(&(ratio / free.ratio)),
+            (0.85..1.0).contains(&(ratio / free.ratio)),
             "{ratio} of {}",
             free.ratio
         );
