@@ -66,36 +66,35 @@ const MATERIAL: Material = Material {
     texture: Texture::Cortical,
 };
 
-/// Milliseconds of several things that are done in turn, so that whatever else the machine does meets all of them alike: of each
-/// the least and the median.
-fn in_turn<const N: usize>(mut once: impl FnMut(usize) -> f64) -> [[f64; 2]; N] {
+/// Milliseconds of several things that are done in turn, round by round, so that whatever else the machine does meets all alike.
+fn in_turn<const N: usize>(mut once: impl FnMut(usize) -> f64) -> Vec<[f64; N]> {
     let start = Instant::now();
-    let mut times = [(); N].map(|()| Vec::new());
-    for round in 0..40 {
-        if round > 8 && start.elapsed().as_secs_f64() > 5.0 {
-            break;
-        }
-        for (k, list) in times.iter_mut().enumerate() {
-            list.push(once(k));
-        }
+    let mut rounds = Vec::new();
+    while rounds.len() < 9 || (rounds.len() < 40 && start.elapsed().as_secs_f64() < 5.0) {
+        rounds.push(std::array::from_fn(&mut once));
     }
-    times.map(|mut list| {
-        list.sort_by(f64::total_cmp);
-        [list[0], list[list.len() / 2]]
-    })
+    rounds
 }
 
-/// An A-buffer beside a z-buffer.
-fn print(what: &str, [z, a]: [[f64; 2]; 2]) {
-    let ratio = |k: usize| a[k] / z[k];
+/// The least, and the median.
+fn summary(mut values: Vec<f64>) -> [f64; 2] {
+    values.sort_by(f64::total_cmp);
+    [values[0], values[values.len() / 2]]
+}
+
+/// One thing's times.
+fn print(what: &str, rounds: Vec<[f64; 1]>) {
+    let [least, median] = summary(rounds.into_iter().flatten().collect());
+    println!("    {what}: {least:.3} ms (median {median:.3})");
+}
+
+/// An A-buffer beside a z-buffer; the ratio is the median of the rounds' own.
+fn compare(what: &str, rounds: &[[f64; 2]]) {
+    let of = |k: usize| summary(rounds.iter().map(|r| r[k]).collect());
+    let ([z, z_median], [a, a_median]) = (of(0), of(1));
+    let ratio = summary(rounds.iter().map(|[z, a]| a / z).collect())[1];
     println!(
-        "    {what}: z-buffer {:.1} ms (median {:.1}), A-buffer {:.1} ({:.1}), {:.2} times ({:.2})",
-        z[0],
-        z[1],
-        a[0],
-        a[1],
-        ratio(0),
-        ratio(1)
+        "    {what}: z-buffer {z:.1} ms (median {z_median:.1}), A-buffer {a:.1} ({a_median:.1}), {ratio:.2} times"
     );
 }
 
@@ -116,9 +115,8 @@ fn on_processor(scene: &Scene, camera: &Camera) {
     };
     println!("  processor");
     let both = [z_buffer, render];
-    print("frame", in_turn(|k| time(both[k], false)));
-    let [[least, median]] = in_turn(|_| time(render, true));
-    println!("    transparent frame: {least:.1} ms ({median:.1})");
+    compare("frame", &in_turn(|k| time(both[k], false)));
+    print("transparent frame", in_turn(|_| time(render, true)));
 }
 
 #[cfg(feature = "gpu")]
@@ -134,14 +132,15 @@ fn on_device(scene: &Scene, camera: &Camera) {
         let made = gpu.timed(&yardstick, work, scene, camera, &options(is_transparent));
         made.expect("a frame of this size fits").0
     };
-    let [[least, median]] = in_turn(|_| time(Work::Update, false));
-    println!("    update, without waiting for the device: {least:.3} ms ({median:.3})");
+    print(
+        "update, without waiting for the device",
+        in_turn(|_| time(Work::Update, false)),
+    );
     let both = [Work::Plain, Work::Lists];
-    print("no light", in_turn(|k| time(both[k], false)));
+    compare("no light", &in_turn(|k| time(both[k], false)));
     let both = [Work::PlainFrame, Work::Frame];
-    print("frame", in_turn(|k| time(both[k], false)));
-    let [[least, median]] = in_turn(|_| time(Work::Frame, true));
-    println!("    transparent frame: {least:.1} ms ({median:.1})");
+    compare("frame", &in_turn(|k| time(both[k], false)));
+    print("transparent frame", in_turn(|_| time(Work::Frame, true)));
 }
 
 /// The cells of a simulation mesh of usual size, each a tetrahedron about the whole sphere.

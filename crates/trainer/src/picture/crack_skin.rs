@@ -255,12 +255,18 @@ impl Parting<'_> {
         }
         let mesh = &self.body.solid.mesh;
         let crossing = |e: &u32| self.body.cuts.crossing_point(mesh, *e);
-        let mut cuts = 0;
-        for e in edges {
+        let mut through = |e: &u32| {
             let ends = mesh.edges()[*e as usize].map(|n| mesh.nodes()[n as usize]);
-            let through = || self.saw.through(ends, &crossing(e));
-            cuts |= *self.cuts_of.entry(*e).or_insert_with(through);
-        }
+            let found = || self.saw.through(ends, &crossing(e));
+            *self.cuts_of.entry(*e).or_insert_with(found)
+        };
+        let of_edges: Vec<u64> = edges.iter().map(&mut through).collect();
+        // Where several cuts meet on all of them; amid edges that broke apart, on none.
+        let cuts = match of_edges.iter().fold(u64::MAX, |all, c| all & c) {
+            0 if of_edges.contains(&0) => 0,
+            0 => of_edges.iter().fold(0, |all, c| all | c),
+            common => common,
+        };
         let middle = edges.iter().map(crossing).sum::<Vec3>() / edges.len() as f64;
         let seat = self.saw.seat(&middle, cuts);
         let at = seat.unwrap_or(middle);
@@ -311,21 +317,19 @@ impl Parting<'_> {
         }
         for (base, out) in outward {
             let out = out.try_normalize(1e-12).unwrap_or_default();
-            // In the surface's own plane, unless several meet there.
+            let Place { at: from, cuts, .. } = self.places[&base];
+            // In the saw's cut, else in the surface's own plane, unless several meet there.
             let (sum, n) = across[&base];
             let normal = sum.try_normalize(0.9 * n).unwrap_or_default();
-            let within = (out - normal * out.dot(&normal)).try_normalize(1e-6);
+            let own = || (out - normal * out.dot(&normal)).try_normalize(1e-6);
+            let within = self.saw.way_out(&from, cuts, &out).or_else(own);
             let direction = within.filter(|d| d.dot(&out) > 0.4).unwrap_or(out);
-            let Place { at: from, cuts, .. } = self.places[&base];
             let h = self.body.solid.lengths.h;
             // Beyond the true surface, and a little more.
             let reach = (0..=100).map(|k| 0.015 * h * f64::from(k));
             let mut clear = reach.filter(|s| region.signed(&(from + direction * *s)) > 0.05 * h);
             let length = (clear.next().unwrap_or(0.3 * h) + 0.1 * h).max(0.6 * h);
-            // Coarse tetrahedra end well before a sharp ridge: from there, a little askew comes out beside the saw's slit.
-            let mouth = self.saw.mouth(&from, cuts).map(|q| q - from);
-            self.way_out
-                .insert(base, mouth.unwrap_or(direction * length));
+            self.way_out.insert(base, direction * length);
         }
         for (i, [p, q]) in ends {
             let cells = self.pieces[i].cells;

@@ -24,9 +24,8 @@ struct Cut {
     sheet: Sheet,
     /// Out of it all is far.
     bounds: Aabb,
-    /// Its border within the bone, and out of it, where the saw came from.
+    /// Its border within the bone.
     bottom: Vec<[Vec3; 2]>,
-    mouth: Vec<[Vec3; 2]>,
 }
 
 impl SawCuts {
@@ -40,12 +39,12 @@ impl SawCuts {
             };
             let at = |e: [u32; 2]| e.map(|v| sheet.mesh.vertices[v as usize]);
             let border = sheet.mesh.border_edges().into_iter().map(at);
-            let (mouth, bottom) = border.partition(|e| e.iter().all(|p| region.signed(p) > 0.0));
+            let is_within = |e: &[Vec3; 2]| e.iter().any(|p| region.signed(p) <= 0.0);
+            let bottom = border.filter(is_within).collect();
             Cut {
                 bounds: Aabb::around(&sheet.mesh.vertices).grown(REACH * h),
                 sheet,
                 bottom,
-                mouth,
             }
         };
         Self {
@@ -75,11 +74,18 @@ impl SawCuts {
         (on != 0 && (at - p).norm() < REACH * self.h).then_some(at)
     }
 
-    /// The nearest point of the mouths of the cuts in `on`, if it is not farther than an element.
-    pub fn mouth(&self, p: &Vec3, on: u64) -> Option<Vec3> {
-        let feet = self.chosen(on).filter_map(|c| nearest(p, &c.mouth));
-        let near = feet.filter(|q| (q - p).norm() < self.h);
-        near.min_by(|a, b| (a - p).norm().total_cmp(&(b - p).norm()))
+    /// The way out of the bone at a point of the cuts in `on`, within them; `out` is square to the bone's surface.
+    pub fn way_out(&self, p: &Vec3, on: u64, out: &Vec3) -> Option<Vec3> {
+        let mut normals = self.chosen(on).filter_map(|c| c.normal(p));
+        let first = normals.next()?;
+        let way = match normals.next() {
+            Some(second) => {
+                let line = first.cross(&second);
+                line * line.dot(out)
+            }
+            None => out - first * first.dot(out),
+        };
+        way.try_normalize(1e-6)
     }
 
     /// How far a point is from where the saw has come to a stop \[mm\]; below zero beyond it.
@@ -102,6 +108,11 @@ impl SawCuts {
 }
 
 impl Cut {
+    fn normal(&self, p: &Vec3) -> Option<Vec3> {
+        let (_, t, _) = self.sheet.closest(p)?;
+        self.sheet.mesh.area_normal(t).try_normalize(1e-12)
+    }
+
     fn foot(&self, p: &Vec3) -> Option<Vec3> {
         let (_, t, w) = self.sheet.closest(p)?;
         let corners = self.sheet.mesh.corners(t);
