@@ -66,17 +66,36 @@ const MATERIAL: Material = Material {
     texture: Texture::Cortical,
 };
 
-/// The least of several: what others do on the machine only ever adds.
-fn least(mut once: impl FnMut() -> f64) -> f64 {
-    let longest = Instant::now();
-    let mut best = once();
-    for k in 0..40 {
-        if k > 8 && longest.elapsed().as_secs_f64() > 4.0 {
-            break;
-        }
-        best = best.min(once());
+/// Milliseconds of several things that are done in turn, round by round, so that whatever else the machine does meets all alike.
+fn in_turn<const N: usize>(mut once: impl FnMut(usize) -> f64) -> Vec<[f64; N]> {
+    let start = Instant::now();
+    let mut rounds = Vec::new();
+    while rounds.len() < 9 || (rounds.len() < 40 && start.elapsed().as_secs_f64() < 5.0) {
+        rounds.push(std::array::from_fn(&mut once));
     }
-    best
+    rounds
+}
+
+/// The least, and the median.
+fn summary(mut values: Vec<f64>) -> [f64; 2] {
+    values.sort_by(f64::total_cmp);
+    [values[0], values[values.len() / 2]]
+}
+
+/// One thing's times.
+fn print(what: &str, rounds: Vec<[f64; 1]>) {
+    let [least, median] = summary(rounds.into_iter().flatten().collect());
+    println!("    {what}: {least:.3} ms (median {median:.3})");
+}
+
+/// An A-buffer beside a z-buffer; the ratio is the median of the rounds' own.
+fn compare(what: &str, rounds: &[[f64; 2]]) {
+    let of = |k: usize| summary(rounds.iter().map(|r| r[k]).collect());
+    let ([z, z_median], [a, a_median]) = (of(0), of(1));
+    let ratio = summary(rounds.iter().map(|[z, a]| a / z).collect())[1];
+    println!(
+        "    {what}: z-buffer {z:.1} ms (median {z_median:.1}), A-buffer {a:.1} ({a_median:.1}), {ratio:.2} times"
+    );
 }
 
 fn options(is_transparent: bool) -> Options {
@@ -90,17 +109,14 @@ fn options(is_transparent: bool) -> Options {
 
 fn on_processor(scene: &Scene, camera: &Camera) {
     let time = |draw: fn(&Scene, &Camera, &Options) -> Frame, is_transparent: bool| {
-        least(|| {
-            let start = Instant::now();
-            std::hint::black_box(draw(scene, camera, &options(is_transparent)));
-            start.elapsed().as_secs_f64() * 1e3
-        })
+        let start = Instant::now();
+        std::hint::black_box(draw(scene, camera, &options(is_transparent)));
+        start.elapsed().as_secs_f64() * 1e3
     };
-    let (plain, frame) = (time(z_buffer, false), time(render, false));
-    let ratio = frame / plain;
     println!("  processor");
-    println!("    frame: z-buffer {plain:.1} ms, A-buffer {frame:.1} ms, {ratio:.1} times");
-    println!("    transparent frame: {:.1} ms", time(render, true));
+    let both = [z_buffer, render];
+    compare("frame", &in_turn(|k| time(both[k], false)));
+    print("transparent frame", in_turn(|_| time(render, true)));
 }
 
 #[cfg(feature = "gpu")]
@@ -113,21 +129,18 @@ fn on_device(scene: &Scene, camera: &Camera) {
     println!("  {}", gpu.name());
     let yardstick = gpu.yardstick();
     let mut time = |work, is_transparent| {
-        let options = options(is_transparent);
-        least(|| {
-            let made = gpu.timed(&yardstick, work, scene, camera, &options);
-            made.expect("a frame of this size fits").0
-        })
+        let made = gpu.timed(&yardstick, work, scene, camera, &options(is_transparent));
+        made.expect("a frame of this size fits").0
     };
-    let update = time(Work::Update, false);
-    println!("    update, without waiting for the device: {update:.3} ms");
-    let [plain, lists] = [Work::Plain, Work::Lists].map(|w| time(w, false));
-    let ratio = lists / plain;
-    println!("    no light: z-buffer {plain:.1} ms, A-buffer {lists:.1} ms, {ratio:.1} times");
-    let [plain, frame] = [Work::PlainFrame, Work::Frame].map(|w| time(w, false));
-    let ratio = frame / plain;
-    println!("    frame: z-buffer {plain:.1} ms, A-buffer {frame:.1} ms, {ratio:.1} times");
-    println!("    transparent frame: {:.1} ms", time(Work::Frame, true));
+    print(
+        "update, without waiting for the device",
+        in_turn(|_| time(Work::Update, false)),
+    );
+    let both = [Work::Plain, Work::Lists];
+    compare("no light", &in_turn(|k| time(both[k], false)));
+    let both = [Work::PlainFrame, Work::Frame];
+    compare("frame", &in_turn(|k| time(both[k], false)));
+    print("transparent frame", in_turn(|_| time(Work::Frame, true)));
 }
 
 /// The cells of a simulation mesh of usual size, each a tetrahedron about the whole sphere.

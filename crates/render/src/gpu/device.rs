@@ -130,6 +130,7 @@ fn rank(adapter: &wgpu::Adapter) -> u8 {
 fn can_draw(adapter: &wgpu::Adapter) -> bool {
     let needed = wgpu::DownlevelFlags::FRAGMENT_WRITABLE_STORAGE
         | wgpu::DownlevelFlags::COMPUTE_SHADERS
+        | wgpu::DownlevelFlags::INDIRECT_EXECUTION
         | wgpu::DownlevelFlags::VERTEX_STORAGE;
     let (has, least) = (adapter.limits(), wgpu::Limits::default());
     adapter.get_downlevel_capabilities().flags.contains(needed)

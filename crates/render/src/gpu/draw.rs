@@ -4,7 +4,7 @@ use super::buffers::Growing;
 use super::device::{Device, Fault};
 use super::geometry::Geometry;
 use super::lists::{Bands, LINE, NODE, Room};
-use super::passes::{Targets, UNWRITTEN, bind, bind_with, dispatch, run, target};
+use super::passes::{Targets, UNWRITTEN, bind, run, run_counted, target};
 use crate::frame::{Frame, Image, Options};
 use crate::project::{NEAR, Raster};
 use crate::scene::Kind;
@@ -49,6 +49,12 @@ pub struct Buffers {
     heads: Growing,
     nodes: Growing,
     counters: Growing,
+    /// Numbers of the triangles that are near lists, and the call that draws them.
+    chosen: Growing,
+    call: Growing,
+    /// Numbers of the tiles that have lists, and the call that walks them.
+    tiles: Growing,
+    tile_call: Growing,
     pub hits: Growing,
     colors: Growing,
     pixels: Growing,
@@ -59,6 +65,7 @@ pub struct Buffers {
 
 impl Buffers {
     pub fn new(device: &Device, taps: &[[f32; 2]]) -> Result<Self, Fault> {
+        let call = |name| Growing::new(name, Usage::STORAGE | Usage::INDIRECT | Usage::COPY_DST);
         let uniform = |name| Growing::new(name, Usage::UNIFORM | Usage::COPY_DST);
         let mut buffers = Self {
             uniforms: uniform("uniforms"),
@@ -67,6 +74,10 @@ impl Buffers {
             heads: Growing::storage("heads"),
             nodes: Growing::storage("nodes"),
             counters: Growing::result("counters"),
+            chosen: Growing::storage("chosen"),
+            call: call("call"),
+            tiles: Growing::storage("tiles"),
+            tile_call: call("tile call"),
             hits: Growing::result("hits"),
             colors: Growing::storage("colors"),
             pixels: Growing::result("pixels"),
@@ -78,10 +89,11 @@ impl Buffers {
         Ok(buffers)
     }
 
-    pub fn reserve(&mut self, device: &Device, job: &Job, n_vertices: u32) -> Result<(), Fault> {
+    pub fn reserve(&mut self, device: &Device, job: &Job, of: &Geometry) -> Result<(), Fault> {
         let [w, h] = job.bands.size.map(|n| n as usize);
         let bytes = [
-            (&mut self.clip, 16 * n_vertices as usize),
+            (&mut self.clip, 16 * of.n_vertices as usize),
+            (&mut self.chosen, 4 * of.n_triangles() as usize),
             (&mut self.heads, 4 * w * job.bands.rows as usize),
             (
                 &mut self.nodes,
@@ -91,7 +103,8 @@ impl Buffers {
                 &mut self.counters,
                 4 * (LINE * (job.bands.tiles() + 1)) as usize,
             ),
-            (&mut self.hits, 8 * w * h),
+            (&mut self.tiles, 4 * job.bands.tiles() as usize),
+            (&mut self.hits, 8 * job.stride() as usize * h),
             (
                 &mut self.colors,
                 if job.options.is_transparent {
@@ -125,6 +138,51 @@ impl Buffers {
         Ok(())
     }
 
+    /// A pass that fills lists and is never written itself; made before.
+    fn unwritten_pass<'a>(&self, encoder: &'a mut CommandEncoder) -> wgpu::RenderPass<'a> {
+        let unwritten = (self.unwritten.as_ref()).map(|(view, _)| view);
+        let attachment = unwritten.map(|view| wgpu::RenderPassColorAttachment {
+            view,
+            depth_slice: None,
+            resolve_target: None,
+            ops: wgpu::Operations {
+                load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
+                store: wgpu::StoreOp::Discard,
+            },
+        });
+        encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            color_attachments: &[attachment],
+            ..Default::default()
+        })
+    }
+
+    /// Nothing is to be drawn yet: vertices, instances, where both start; groups for tiles, for the 8 x 8 samples of one.
+    pub fn no_calls(&mut self, device: &Device) -> Result<(), Fault> {
+        self.call.write(device, &[0, 1, 0, 0])?;
+        self.tile_call.write(device, &[0, 64, 1, 0])
+    }
+
+    /// What the depth buffer found in a band becomes its hits.
+    pub fn take_nearest(&self, encoder: &mut CommandEncoder, job: &Job, band: Band) {
+        let mut nearest = self.targets().nearest.texture().as_image_copy();
+        nearest.origin.y = band.start;
+        let row = 8 * job.stride();
+        let hits = wgpu::TexelCopyBufferInfo {
+            buffer: self.hits.get(),
+            layout: wgpu::TexelCopyBufferLayout {
+                offset: u64::from(band.start * row),
+                bytes_per_row: Some(row),
+                rows_per_image: None,
+            },
+        };
+        let size = wgpu::Extent3d {
+            width: job.bands.size[0],
+            height: band.rows,
+            depth_or_array_layers: 1,
+        };
+        encoder.copy_texture_to_buffer(nearest, hits, size);
+    }
+
     /// A depth buffer's; made before.
     pub fn targets(&self) -> &Targets {
         (self.targets.as_ref()).expect("targets are made before they are drawn on")
@@ -145,12 +203,21 @@ impl Readback {
 
 impl Job<'_> {
     fn readback(&self) -> Readback {
-        let [w, h] = self.bands.size.map(|n| n as usize);
+        let h = self.bands.size[1] as usize;
         Readback {
             n_bands: self.bands.starts().count(),
             n_pixels: self.options.width * self.options.height,
-            n_hits: if self.is_hit_wanted { w * h } else { 0 },
+            n_hits: if self.is_hit_wanted {
+                self.stride() as usize * h
+            } else {
+                0
+            },
         }
+    }
+
+    /// From a row of hits to the next: rows are copied from a texture, which takes steps of 256 bytes.
+    fn stride(&self) -> u32 {
+        self.bands.size[0].next_multiple_of(32)
     }
 
     pub fn bands(&self) -> impl Iterator<Item = Band> {
@@ -182,7 +249,12 @@ impl Job<'_> {
                 self.room.spill(self.bands),
                 self.room.capacity(self.bands),
             ],
-            [geometry.n_anchored, u32::from(self.is_sparse), 0, 0],
+            [
+                geometry.n_anchored,
+                geometry.n_triangles(),
+                self.stride(),
+                0,
+            ],
         ];
         std::array::from_fn(|k| rows[k / 4][k % 4])
     }
@@ -192,11 +264,11 @@ impl Gpu {
     /// Draws with the room there is; gives how many fragments asked for shared places in the fullest band.
     pub fn draw(&mut self, job: &Job) -> Result<(u32, Frame), Fault> {
         let device = &self.device;
-        self.buffers
-            .reserve(device, job, self.geometry.n_vertices)?;
+        self.buffers.reserve(device, job, &self.geometry)?;
         for (k, band) in job.bands().enumerate() {
             let uniforms = job.uniforms(&self.geometry, band);
             self.buffers.uniforms.write(device, &uniforms)?;
+            self.buffers.no_calls(device)?;
             let mut encoder = device.device.create_command_encoder(&Default::default());
             if k == 0 {
                 self.project(&mut encoder);
@@ -269,26 +341,14 @@ impl Gpu {
             (5, b.nodes.get()),
             (6, b.counters.get()),
         ];
-        let group = bind(&self.device, &append.get_bind_group_layout(0), &buffers);
-        let attachment = b
-            .unwritten
-            .as_ref()
-            .map(|(view, _)| wgpu::RenderPassColorAttachment {
-                view,
-                depth_slice: None,
-                resolve_target: None,
-                ops: wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
-                    store: wgpu::StoreOp::Discard,
-                },
-            });
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            color_attachments: &[attachment],
-            ..Default::default()
-        });
         let cuts = |kind| matches!(kind, Kind::Seam | Kind::Kerf | Kind::Gap);
         // What lies within the bone is for transparent bones only.
         let is_shown = |kind| kind != Kind::Within || job.options.is_transparent;
+        let bound = |layout: wgpu::BindGroupLayout, of: &[(u32, &wgpu::Buffer)]| {
+            bind(&self.device, &layout, of)
+        };
+        let group = bound(append.get_bind_group_layout(0), &buffers);
+        let mut pass = b.unwritten_pass(encoder);
         pass.set_pipeline(append);
         pass.set_bind_group(0, &group, &[]);
         pass.set_scissor_rect(0, band.start, w, band.rows);
@@ -296,15 +356,33 @@ impl Gpu {
             is_shown(kind) && (!job.is_sparse || cuts(kind))
         });
         drop(pass);
-        if job.is_sparse {
-            let nearest = &self.passes.nearest;
-            let group = bind(&self.device, &nearest.get_bind_group_layout(0), &buffers);
-            let mut pass = b.targets().pass(encoder);
-            pass.set_pipeline(nearest);
-            pass.set_bind_group(0, &group, &[]);
-            pass.set_scissor_rect(0, band.start, w, band.rows);
-            g.draw(&mut pass, |kind| is_shown(kind) && !cuts(kind));
+        if !job.is_sparse {
+            return;
         }
+        let chosen = (7, b.chosen.get());
+        let to_choose = [
+            &buffers[..4],
+            &[(6, b.counters.get()), chosen, (8, b.call.get())],
+        ];
+        let groups = of_64(g.n_triangles());
+        let choose = &self.passes.choose;
+        run(&self.device, encoder, choose, &to_choose.concat(), groups);
+        let begun = &self.passes.begun;
+        let with_chosen = [&buffers[..], &[chosen]].concat();
+        let group = bound(begun.get_bind_group_layout(0), &with_chosen);
+        let mut pass = b.unwritten_pass(encoder);
+        pass.set_pipeline(begun);
+        pass.set_bind_group(0, &group, &[]);
+        pass.set_scissor_rect(0, band.start, w, band.rows);
+        pass.draw_indirect(b.call.get(), 0);
+        drop(pass);
+        let nearest = &self.passes.nearest;
+        let group = bound(nearest.get_bind_group_layout(0), &buffers[1..4]);
+        let mut pass = b.targets().pass(encoder);
+        pass.set_pipeline(nearest);
+        pass.set_bind_group(0, &group, &[]);
+        pass.set_scissor_rect(0, band.start, w, band.rows);
+        g.draw(&mut pass, |kind| is_shown(kind) && !cuts(kind));
     }
 
     /// What surface.wgsl binds.
@@ -329,12 +407,26 @@ impl Gpu {
             let buffers = [&self.surface()[..], &[(6, b.colors.get())], &lists].concat();
             run(&self.device, encoder, &self.passes.blend, &buffers, groups);
         } else {
-            let buffers = [&[(0, b.uniforms.get()), (5, b.hits.get())][..], &lists].concat();
-            let first = &self.passes.first;
-            let layout = first.get_bind_group_layout(0);
-            let nearest = Some((9, &b.targets().nearest));
-            let group = bind_with(&self.device, &layout, &buffers, nearest);
-            dispatch(encoder, first, &group, groups);
+            if job.is_sparse {
+                b.take_nearest(encoder, job, band);
+            } else {
+                let row = 8 * u64::from(job.stride());
+                let [start, rows] = [band.start, band.rows].map(u64::from);
+                encoder.clear_buffer(b.hits.get(), start * row, Some(rows * row));
+            }
+            let device = &self.device;
+            let (uniforms, tiles) = ((0, b.uniforms.get()), (9, b.tiles.get()));
+            let counted = [
+                uniforms,
+                (6, b.counters.get()),
+                tiles,
+                (10, b.tile_call.get()),
+            ];
+            let of = of_64(job.bands.tiles());
+            run(device, encoder, &self.passes.begun_tiles, &counted, of);
+            let buffers = [&[uniforms, (5, b.hits.get())][..], &lists, &[tiles]].concat();
+            let calls = b.tile_call.get();
+            run_counted(device, encoder, &self.passes.first, &buffers, calls);
         }
         encoder.copy_buffer_to_buffer(b.counters.get(), 0, b.readback.get(), 4 * k as u64, 4);
     }
@@ -379,7 +471,9 @@ impl Gpu {
         let words: &[u32] = bytemuck::cast_slice(&view);
         let (spilled, rest) = words.split_at(r.n_bands);
         let (pixels, hits) = rest.split_at(r.n_pixels);
-        let hits: &[[u32; 2]] = bytemuck::cast_slice(hits);
+        let rows = bytemuck::cast_slice(hits).chunks(job.stride() as usize);
+        let w = job.bands.size[0] as usize;
+        let hits = || rows.clone().flat_map(|row: &[[u32; 2]]| &row[..w]);
         let id = |h: &[u32; 2]| match h[1] {
             0 => 0,
             _ => self.geometry.mesh_of(h[0] & TRIANGLE) + 1,
@@ -391,8 +485,8 @@ impl Gpu {
                 height: job.options.height,
                 pixels: bytemuck::cast_slice(pixels).to_vec(),
             },
-            ids: hits.iter().map(id).collect(),
-            depths: hits.iter().map(|h| f32::from_bits(h[1])).collect(),
+            ids: hits().map(id).collect(),
+            depths: hits().map(|h| f32::from_bits(h[1])).collect(),
         };
         drop(view);
         self.buffers.readback.get().unmap();

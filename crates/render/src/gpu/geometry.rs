@@ -196,6 +196,11 @@ impl Geometry {
         }
     }
 
+    /// How many triangles there are.
+    pub fn n_triangles(&self) -> u32 {
+        self.parts.last().map_or(0, |(_, of)| of.end)
+    }
+
     /// The mesh of a triangle.
     pub fn mesh_of(&self, triangle: u32) -> u32 {
         self.parts.partition_point(|(_, of)| of.end <= triangle) as u32

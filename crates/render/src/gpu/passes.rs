@@ -6,6 +6,7 @@ pub const FRAME: &str = include_str!("shaders/frame.wgsl");
 const DEFORM: &str = include_str!("shaders/deform.wgsl");
 const PROJECT: &str = include_str!("shaders/project.wgsl");
 const APPEND: &str = include_str!("shaders/append.wgsl");
+const CHOOSE: &str = include_str!("shaders/choose.wgsl");
 const SURFACE: &str = include_str!("shaders/surface.wgsl");
 const WALK: &str = include_str!("shaders/walk.wgsl");
 const FIRST: &str = include_str!("shaders/first.wgsl");
@@ -21,7 +22,12 @@ pub struct Passes {
     pub normals: ComputePipeline,
     pub project: ComputePipeline,
     pub append: RenderPipeline,
-    /// What goes into lists that have begun, else to the nearest.
+    /// Which triangles are near lists, and those into lists that have begun.
+    pub choose: ComputePipeline,
+    pub begun: RenderPipeline,
+    /// Which tiles have lists.
+    pub begun_tiles: ComputePipeline,
+    /// The nearest of all others.
     pub nearest: RenderPipeline,
     /// Opaque frames: what is seen first, and its light.
     pub first: ComputePipeline,
@@ -47,7 +53,7 @@ pub struct Targets {
 
 impl Targets {
     pub fn new(device: &Device, size: [u32; 2]) -> Self {
-        let usage = wgpu::TextureUsages::TEXTURE_BINDING;
+        let usage = wgpu::TextureUsages::COPY_SRC;
         Self {
             nearest: target(device, NEAREST, size, usage),
             depth: target(device, DEPTH, size, wgpu::TextureUsages::empty()),
@@ -83,12 +89,16 @@ impl Targets {
 impl Passes {
     pub fn new(device: &Device) -> Self {
         let compute = |entry, parts: &[&str]| compute(device, &module(device, parts), entry);
+        let lists = module(device, &[FRAME, APPEND]);
         Self {
             deform: compute("deform", &[FRAME, DEFORM]),
             normals: compute("normals", &[FRAME, DEFORM]),
             project: compute("project", &[FRAME, PROJECT]),
-            append: append(device, &module(device, &[FRAME, APPEND])),
-            nearest: nearest(device, &module(device, &[FRAME, APPEND]), "nearest"),
+            append: append(device, &lists, ["vertex", "every"]),
+            choose: compute("choose", &[FRAME, CHOOSE]),
+            begun_tiles: compute("begun_tiles", &[FRAME, CHOOSE]),
+            begun: append(device, &lists, ["vertex_chosen", "begun"]),
+            nearest: nearest(device, &lists, "nearest"),
             first: compute("first", &[FRAME, WALK, FIRST]),
             light: compute("light", &[FRAME, SURFACE, PIXEL, LIGHT]),
             blend: compute("blend", &[FRAME, SURFACE, WALK, BLEND]),
@@ -119,13 +129,13 @@ pub fn compute(device: &Device, module: &ShaderModule, entry: &str) -> ComputePi
         })
 }
 
-fn append(device: &Device, module: &ShaderModule) -> RenderPipeline {
+fn append(device: &Device, module: &ShaderModule, entries: [&str; 2]) -> RenderPipeline {
     let target = wgpu::ColorTargetState {
         format: UNWRITTEN,
         blend: None,
         write_mask: wgpu::ColorWrites::empty(),
     };
-    raster(device, module, "every", target, None)
+    raster(device, module, entries, target, None)
 }
 
 /// Draws triangles into [`NEAREST`], the nearest of each sample.
@@ -142,14 +152,14 @@ pub fn nearest(device: &Device, module: &ShaderModule, entry: &str) -> RenderPip
         stencil: Default::default(),
         bias: Default::default(),
     };
-    raster(device, module, entry, target, Some(depth))
+    raster(device, module, ["vertex", entry], target, Some(depth))
 }
 
 /// Draws triangles, both faces.
 fn raster(
     device: &Device,
     module: &ShaderModule,
-    entry: &str,
+    [vertex, fragment]: [&str; 2],
     target: wgpu::ColorTargetState,
     depth_stencil: Option<wgpu::DepthStencilState>,
 ) -> RenderPipeline {
@@ -160,7 +170,7 @@ fn raster(
             layout: None,
             vertex: wgpu::VertexState {
                 module,
-                entry_point: Some("vertex"),
+                entry_point: Some(vertex),
                 compilation_options: Default::default(),
                 buffers: &[],
             },
@@ -169,7 +179,7 @@ fn raster(
             multisample: Default::default(),
             fragment: Some(wgpu::FragmentState {
                 module,
-                entry_point: Some(entry),
+                entry_point: Some(fragment),
                 compilation_options: Default::default(),
                 targets: &[Some(target)],
             }),
@@ -208,27 +218,13 @@ pub fn bind(
     layout: &wgpu::BindGroupLayout,
     buffers: &[(u32, &Buffer)],
 ) -> BindGroup {
-    bind_with(device, layout, buffers, None)
-}
-
-/// The same and a texture.
-pub fn bind_with(
-    device: &Device,
-    layout: &wgpu::BindGroupLayout,
-    buffers: &[(u32, &Buffer)],
-    texture: Option<(u32, &wgpu::TextureView)>,
-) -> BindGroup {
-    let buffers = buffers
+    let entries: Vec<_> = buffers
         .iter()
         .map(|(binding, buffer)| wgpu::BindGroupEntry {
             binding: *binding,
             resource: buffer.as_entire_binding(),
-        });
-    let texture = texture.map(|(binding, view)| wgpu::BindGroupEntry {
-        binding,
-        resource: wgpu::BindingResource::TextureView(view),
-    });
-    let entries: Vec<_> = buffers.chain(texture).collect();
+        })
+        .collect();
     device.device.create_bind_group(&wgpu::BindGroupDescriptor {
         label: None,
         layout,
@@ -242,21 +238,26 @@ pub fn run(
     encoder: &mut wgpu::CommandEncoder,
     pipeline: &ComputePipeline,
     buffers: &[(u32, &Buffer)],
-    groups: [u32; 2],
-) {
-    let group = bind(device, &pipeline.get_bind_group_layout(0), buffers);
-    dispatch(encoder, pipeline, &group, groups);
-}
-
-/// The same with what has been bound.
-pub fn dispatch(
-    encoder: &mut wgpu::CommandEncoder,
-    pipeline: &ComputePipeline,
-    group: &BindGroup,
     [across, down]: [u32; 2],
 ) {
+    let group = bind(device, &pipeline.get_bind_group_layout(0), buffers);
     let mut pass = encoder.begin_compute_pass(&Default::default());
     pass.set_pipeline(pipeline);
-    pass.set_bind_group(0, group, &[]);
+    pass.set_bind_group(0, &group, &[]);
     pass.dispatch_workgroups(across, down, 1);
+}
+
+/// The same over as many as the device has found itself.
+pub fn run_counted(
+    device: &Device,
+    encoder: &mut wgpu::CommandEncoder,
+    pipeline: &ComputePipeline,
+    buffers: &[(u32, &Buffer)],
+    groups: &Buffer,
+) {
+    let group = bind(device, &pipeline.get_bind_group_layout(0), buffers);
+    let mut pass = encoder.begin_compute_pass(&Default::default());
+    pass.set_pipeline(pipeline);
+    pass.set_bind_group(0, &group, &[]);
+    pass.dispatch_workgroups_indirect(groups, 0);
 }

@@ -1,15 +1,14 @@
 //! What benches hold the A-buffer against: a plain z-buffer of the same triangles on the same device, with the same light.
 use super::Gpu;
 use super::device::{Device, Fault};
-use super::draw::Job;
-use super::passes::{FRAME, bind, bind_with, compute, dispatch, module, nearest};
+
+use super::passes::{FRAME, bind, module, nearest};
 use crate::frame::{Image, Options};
 use crate::scene::{Camera, Scene};
 use std::time::Instant;
 use wgpu::CommandEncoder;
 
 const PLAIN: &str = include_str!("shaders/plain.wgsl");
-const GATHER: &str = include_str!("shaders/gather.wgsl");
 
 /// What is timed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,7 +29,6 @@ pub enum Work {
 /// A z-buffer's pipelines.
 pub struct Yardstick {
     raster: wgpu::RenderPipeline,
-    gather: wgpu::ComputePipeline,
 }
 
 impl Gpu {
@@ -59,11 +57,11 @@ impl Gpu {
         let raster = self.raster(camera, options)?;
         self.geometry.upload(&self.device, scene)?;
         let job = self.job(scene, &raster, options, false);
-        self.buffers
-            .reserve(&self.device, &job, self.geometry.n_vertices)?;
+        self.buffers.reserve(&self.device, &job, &self.geometry)?;
         let band = job.bands().next().ok_or(Fault::TooLarge)?;
         let uniforms = job.uniforms(&self.geometry, band);
         self.buffers.uniforms.write(&self.device, &uniforms)?;
+        self.buffers.no_calls(&self.device)?;
         let mut encoder = self
             .device
             .device
@@ -83,7 +81,7 @@ impl Gpu {
         }
         let mut image = None;
         if work == Work::PlainFrame {
-            yardstick.gather(self, &mut encoder, &job);
+            self.buffers.take_nearest(&mut encoder, &job, band);
             self.light(&mut encoder, &job);
             self.device.queue.submit([encoder.finish()]);
             image = Some(self.read(&job)?.1.image);
@@ -103,7 +101,6 @@ impl Yardstick {
     fn new(device: &Device) -> Self {
         Self {
             raster: nearest(device, &module(device, &[FRAME, PLAIN]), "fragment"),
-            gather: compute(device, &module(device, &[FRAME, GATHER]), "gather"),
         }
     }
 
@@ -116,20 +113,5 @@ impl Yardstick {
         pass.set_pipeline(&self.raster);
         pass.set_bind_group(0, &group, &[]);
         g.draw(&mut pass, |_| true);
-    }
-
-    fn gather(&self, gpu: &Gpu, encoder: &mut CommandEncoder, job: &Job) {
-        let b = &gpu.buffers;
-        let buffers = [(0, b.uniforms.get()), (5, b.hits.get())];
-        let layout = self.gather.get_bind_group_layout(0);
-        let texture = Some((7, &b.targets().nearest));
-        let group = bind_with(&gpu.device, &layout, &buffers, texture);
-        let [w, h] = job.bands.size;
-        dispatch(
-            encoder,
-            &self.gather,
-            &group,
-            [w.div_ceil(8), h.div_ceil(8)],
-        );
     }
 }

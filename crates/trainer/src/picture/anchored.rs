@@ -1,8 +1,7 @@
 //! Vertices that move with the bone's cells: the paper's geometric mapping (section 4.1) for what is drawn.
-use osteotome_mechanics::crack::{Cell, CrackedBody, STANDARD, Sheet, cut_area};
-use osteotome_mechanics::geometry::{SignedDistance, TriMesh, Vec3};
+use osteotome_mechanics::crack::{Cell, CrackedBody, STANDARD, Sheet};
+use osteotome_mechanics::geometry::{TriMesh, Vec3};
 use osteotome_render::skin::{self as render, MovedCell, Part, Skin as Drawn, Wear};
-use std::collections::HashMap;
 use std::sync::Arc;
 
 /// A point's place in the bone: its cell (tetrahedron and side) and the shape functions there.
@@ -99,82 +98,6 @@ pub fn piece_of(body: &CrackedBody, cell: u32) -> u32 {
     let cell = &body.topology.cells()[cell as usize];
     let own = (0..4).find(|k| cell.mask >> k & 1 == 1).unwrap_or(0);
     body.fragments.of_node[body.solid.mesh.tets()[cell.tet as usize][own] as usize]
-}
-
-/// The saw's cuts as mechanics follows them: cut polygons are off the saw's own surface by up to a kerf's width, and pictures
-/// show flakes there unless both are brought together.
-pub struct SawCuts<'a> {
-    body: &'a CrackedBody,
-    sawn: Vec<Sheet>,
-    /// For each tetrahedron the sheet along which it is sawn in two.
-    sheet_of: HashMap<u32, usize>,
-}
-
-/// A polygon this near to the saw's cut \[element sizes\] and as parallel to it (cosine) is that cut's.
-const SAME_PLACE: f64 = 0.35;
-const SAME_WAY: f64 = 0.85;
-
-impl<'a> SawCuts<'a> {
-    /// Of this bone.
-    pub fn new(body: &'a CrackedBody) -> Self {
-        let sawn = body.crack.sheets.iter().map(|s| Sheet {
-            mesh: sawn_part(s),
-            kerf: s.kerf.clone(),
-            ..Sheet::default()
-        });
-        let mut cuts = Self {
-            body,
-            sawn: sawn.collect(),
-            sheet_of: HashMap::new(),
-        };
-        for cells in body.topology.cells().chunk_by(|a, b| a.tet == b.tet) {
-            if let [cell, _] = cells
-                && let Some(sheet) = cuts.find_sheet(cell)
-            {
-                cuts.sheet_of.insert(cell.tet, sheet);
-            }
-        }
-        cuts
-    }
-
-    fn find_sheet(&self, cell: &Cell) -> Option<usize> {
-        let s = &self.body.solid;
-        let (centre, area) = cut_area(&s.mesh, &self.body.cuts, cell);
-        let normal = area.try_normalize(1e-12)?;
-        let is_that = |sheet: &Sheet| {
-            let (distance, t, _) = sheet.closest(&centre)?;
-            let way = sheet.mesh.area_normal(t).try_normalize(1e-12)?;
-            let fits = distance < SAME_PLACE * s.lengths.h && way.dot(&normal).abs() > SAME_WAY;
-            fits.then_some(distance)
-        };
-        let fitting = self
-            .sawn
-            .iter()
-            .enumerate()
-            .filter_map(|(i, s)| Some((i, is_that(s)?)));
-        fitting.min_by(|a, b| a.1.total_cmp(&b.1)).map(|f| f.0)
-    }
-
-    /// The nearest point of the saw's cut along which `tet` is in two, if it is near.
-    pub fn nearest(&self, tet: u32, p: &Vec3) -> Option<Vec3> {
-        let sheet = &self.sawn[*self.sheet_of.get(&tet)?];
-        let (distance, t, w) = sheet.closest(p)?;
-        let corners = sheet.mesh.corners(t);
-        let is_near = distance < SAME_PLACE * self.body.solid.lengths.h;
-        is_near.then(|| (0..3).map(|k| corners[k] * w[k]).sum())
-    }
-
-    /// Where the saw came from: its cuts' vertices out of the bone.
-    pub fn mouth(&self, region: &dyn SignedDistance) -> Vec<Vec3> {
-        let of_sheet = |sheet: &Sheet| {
-            let mut sawn: Vec<u32> = sheet.mesh.triangles.iter().flatten().copied().collect();
-            sawn.sort_unstable();
-            sawn.dedup();
-            let at = sawn.into_iter().map(|v| sheet.mesh.vertices[v as usize]);
-            at.filter(|p| region.signed(p) > 0.0).collect::<Vec<_>>()
-        };
-        self.sawn.iter().flat_map(of_sheet).collect()
-    }
 }
 
 /// The triangles of a sheet that the saw made, over all its vertices.

@@ -4,11 +4,12 @@
 //! along which mechanics has parted the bone (the cut polygons of its tetrahedra), each moved by its own side's cells. There the
 //! displacement jumps, so both volumes fit the slit surface exactly, also where mechanics runs ahead of the explicit front and
 //! where a last ligament tore. Borders are closed.
-use super::anchored::{Anchor, SawCuts, Skin, piece_of, sawn_part, tet_at};
+use super::anchored::{Anchor, Skin, piece_of, sawn_part, tet_at};
+use super::saw_cuts::SawCuts;
 use osteotome_mechanics::crack::{Cell, CrackedBody, Sheet};
 use osteotome_mechanics::geometry::{NO_TET, SignedDistance, TET_EDGES, TET_FACES, TriMesh, Vec3};
 use osteotome_render::skin::{CRUMBS, Part, Skin as Drawn, Wear};
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap};
 
 /// The sawn part of all sheets as closed volumes.
 pub fn kerf_skin(body: &CrackedBody) -> Skin {
@@ -121,39 +122,58 @@ type Point = (Base, bool);
 struct Piece {
     cells: [u32; 2],
     points: [Point; 4],
-    is_sawn: bool,
+}
+
+/// Where a point of the parting surface is.
+#[derive(Clone, Copy)]
+struct Place {
+    /// Undeformed.
+    at: Vec3,
+    /// The saw's cuts that it is on.
+    cuts: u64,
+    /// How far from where the saw came to a stop; below zero beyond it.
+    depth: f64,
+}
+
+/// A corner of a face: one vertex on each side of the crack.
+#[derive(Clone, Copy)]
+struct Corner {
+    vertices: [u32; 2],
+    depth: f64,
 }
 
 struct Parting<'a> {
     body: &'a CrackedBody,
-    saw: SawCuts<'a>,
-    /// Undeformed positions, and the way out of the bone from there.
-    at: BTreeMap<Base, Vec3>,
-    on_slit: HashMap<Base, Option<Vec3>>,
+    saw: SawCuts,
+    places: BTreeMap<Base, Place>,
+    /// The saw's cuts through each cut edge.
+    cuts_of: HashMap<u32, u64>,
     way_out: HashMap<Base, Vec3>,
     pieces: Vec<Piece>,
     out: GapSkin,
     vertices: HashMap<(Point, [u32; 4]), u32>,
+    /// Vertices where the saw came to a stop between two others.
+    stops: HashMap<[u32; 2], u32>,
 }
 
 /// The opened crack of a body whose true shape is `region`.
 pub fn gap_skin(body: &CrackedBody, region: &dyn SignedDistance) -> GapSkin {
     let mut parting = Parting {
         body,
-        saw: SawCuts::new(body),
-        at: BTreeMap::new(),
-        on_slit: HashMap::new(),
+        saw: SawCuts::new(body, region),
+        places: BTreeMap::new(),
+        cuts_of: HashMap::new(),
         way_out: HashMap::new(),
         pieces: Vec::new(),
         out: GapSkin::default(),
         vertices: HashMap::new(),
+        stops: HashMap::new(),
     };
     for t in 0..body.solid.mesh.tets().len() as u32 {
         if body.topology.is_divided(t) {
             parting.divide(t);
         }
     }
-    parting.seat();
     parting.lead_out(region);
     parting.emit();
     let mut gap = parting.out;
@@ -195,11 +215,8 @@ impl Parting<'_> {
                 cells[a] != cells[b] && body.cuts.is_cut(edges[*l])
             })
             .collect();
-        let crossing = |l: &usize| body.cuts.crossing_point(mesh, edges[*l]);
-        let middle = |list: &[usize]| list.iter().map(crossing).sum::<Vec3>() / list.len() as f64;
-        let centre = middle(&parted);
-        let is_sawn = self.saw.nearest(t, &centre).is_some();
-        self.put(t, Base::Tet(t), centre);
+        let on = |list: &[usize]| list.iter().map(|l| edges[*l]).collect::<Vec<_>>();
+        self.put(Base::Tet(t), &on(&parted));
         for &l in &parted {
             let [a, b] = TET_EDGES[l];
             let mut rest = (0..4).filter(|k| *k != a && *k != b);
@@ -218,35 +235,47 @@ impl Parting<'_> {
                         && body.cuts.is_cut(edges[*l])
                 };
                 let cut: Vec<usize> = (0..6).filter(on_face).collect();
-                self.put(t, Base::Face(ids), middle(&cut));
+                self.put(Base::Face(ids), &on(&cut));
                 Base::Face(ids)
             };
             let (fc, fd) = (face(c), face(d));
-            self.put(t, Base::Edge(edges[l]), crossing(&l));
+            self.put(Base::Edge(edges[l]), &on(&[l]));
             let points = [Base::Edge(edges[l]), fc, Base::Tet(t), fd].map(|p| (p, false));
             self.pieces.push(Piece {
                 cells: [cells[a], cells[b]],
                 points,
-                is_sawn,
             });
         }
     }
 
-    /// Places a point, and notes where the saw's cut has it, if all its tetrahedra agree.
-    fn put(&mut self, tet: u32, base: Base, p: Vec3) {
-        self.at.entry(base).or_insert(p);
-        let foot = self.saw.nearest(tet, &p);
-        let noted = self.on_slit.entry(base).or_insert(foot);
-        *noted = noted.filter(|a| foot.is_some_and(|b| (a - b).norm() < 1e-6));
-    }
-
-    /// Moves points onto the saw's cut, so that no flake stays between them.
-    fn seat(&mut self) {
-        for (base, foot) in &self.on_slit {
-            if let (Some(p), Some(foot)) = (self.at.get_mut(base), foot) {
-                *p = *foot;
-            }
+    /// Places a point amid cut edges, on the saw's cuts that made them.
+    fn put(&mut self, base: Base, edges: &[u32]) {
+        if self.places.contains_key(&base) {
+            return;
         }
+        let mesh = &self.body.solid.mesh;
+        let crossing = |e: &u32| self.body.cuts.crossing_point(mesh, *e);
+        let mut through = |e: &u32| {
+            let ends = mesh.edges()[*e as usize].map(|n| mesh.nodes()[n as usize]);
+            let found = || self.saw.through(ends, &crossing(e));
+            *self.cuts_of.entry(*e).or_insert_with(found)
+        };
+        let of_edges: Vec<u64> = edges.iter().map(&mut through).collect();
+        // Where several cuts meet on all of them; amid edges that broke apart, on none.
+        let cuts = match of_edges.iter().fold(u64::MAX, |all, c| all & c) {
+            0 if of_edges.contains(&0) => 0,
+            0 => of_edges.iter().fold(0, |all, c| all | c),
+            common => common,
+        };
+        let middle = edges.iter().map(crossing).sum::<Vec3>() / edges.len() as f64;
+        let seat = self.saw.seat(&middle, cuts);
+        let at = seat.unwrap_or(middle);
+        let place = Place {
+            at,
+            cuts: if seat.is_some() { cuts } else { 0 },
+            depth: self.saw.depth(&at),
+        };
+        self.places.insert(base, place);
     }
 
     /// Border edges of the parting surface, as their piece runs through them.
@@ -267,8 +296,6 @@ impl Parting<'_> {
         let mut ends = Vec::new();
         let mut outward: HashMap<Base, Vec3> = HashMap::new();
         let mut across: HashMap<Base, (Vec3, f64)> = HashMap::new();
-        let mut sawn: HashSet<Base> = HashSet::new();
-        let mouth = self.saw.mouth(region);
         for (i, edge) in self.borders() {
             let piece = &self.pieces[i];
             let tet = self.body.topology.cells()[piece.cells[0] as usize].tet;
@@ -278,9 +305,8 @@ impl Parting<'_> {
             else {
                 continue;
             };
-            let [a, b, c, _] = piece.points.map(|p| self.at[&p.0]);
+            let [a, b, c, _] = piece.points.map(|p| self.places[&p.0].at);
             let normal = (b - a).cross(&(c - a)).try_normalize(1e-12);
-            sawn.extend(edge.iter().filter(|_| piece.is_sawn).map(|p| p.0));
             for p in edge {
                 *outward.entry(p.0).or_default() += out;
                 let (sum, n) = across.entry(p.0).or_default();
@@ -291,33 +317,24 @@ impl Parting<'_> {
         }
         for (base, out) in outward {
             let out = out.try_normalize(1e-12).unwrap_or_default();
-            // In the surface's own plane, unless several meet there.
+            let Place { at: from, cuts, .. } = self.places[&base];
+            // In the saw's cut, else in the surface's own plane, unless several meet there.
             let (sum, n) = across[&base];
             let normal = sum.try_normalize(0.9 * n).unwrap_or_default();
-            let within = (out - normal * out.dot(&normal)).try_normalize(1e-6);
+            let own = || (out - normal * out.dot(&normal)).try_normalize(1e-6);
+            let within = self.saw.way_out(&from, cuts, &out).or_else(own);
             let direction = within.filter(|d| d.dot(&out) > 0.4).unwrap_or(out);
-            let from = self.at[&base];
             let h = self.body.solid.lengths.h;
             // Beyond the true surface, and a little more.
             let reach = (0..=100).map(|k| 0.015 * h * f64::from(k));
             let mut clear = reach.filter(|s| region.signed(&(from + direction * *s)) > 0.05 * h);
             let length = (clear.next().unwrap_or(0.3 * h) + 0.1 * h).max(0.6 * h);
-            // Coarse tetrahedra end well before a sharp ridge: from there, a little askew comes out beside the saw's slit.
-            let ways = mouth.iter().map(|q| q - from).filter(|w| w.norm() < h);
-            let nearest = ways.min_by(|a, b| a.norm().total_cmp(&b.norm()));
-            let way = nearest
-                .filter(|_| sawn.contains(&base))
-                .unwrap_or(direction * length);
-            self.way_out.insert(base, way);
+            self.way_out.insert(base, direction * length);
         }
         for (i, [p, q]) in ends {
-            let Piece { cells, is_sawn, .. } = self.pieces[i];
+            let cells = self.pieces[i].cells;
             let points = [q, p, (p.0, true), (q.0, true)];
-            self.pieces.push(Piece {
-                cells,
-                points,
-                is_sawn,
-            });
+            self.pieces.push(Piece { cells, points });
         }
     }
 
@@ -325,35 +342,29 @@ impl Parting<'_> {
     fn emit(&mut self) {
         let borders = self.borders();
         for i in 0..self.pieces.len() {
-            let [a, b] = [0, 1].map(|side| {
-                let piece = &self.pieces[i];
-                let (cell, points) = (piece.cells[side], piece.points);
-                points.map(|p| self.vertex(p, cell))
+            let Piece { cells, points } = self.pieces[i];
+            let corners = points.map(|p| Corner {
+                vertices: cells.map(|cell| self.vertex(p, cell)),
+                depth: self.places[&p.0].depth,
             });
-            let Piece { cells, .. } = self.pieces[i];
-            let [p, q, r, s] = b.map(|v| Vec3::from(self.out.skin.rest[v as usize].map(f64::from)));
+            let [p, q, r, s] = corners.map(|c| self.rest(c.vertices[1]));
             let area = 0.5 * (r - p).cross(&(s - q));
             self.out.pieces.push((cells, area));
-            for (a, b) in a.into_iter().zip(b).filter(|(a, b)| a != b) {
+            let tet = self.body.topology.cells()[cells[0] as usize].tet;
+            let parting = self.out.parting.entry(tet).or_default();
+            parting.extend([[p, q, r], [p, r, s]]);
+            let mut used: Vec<[u32; 2]> = corners.map(|c| c.vertices).to_vec();
+            for t in [[0, 1, 2], [0, 2, 3]] {
+                self.face(t.map(|k| corners[k]), cells, &mut used);
+            }
+            used.sort_unstable();
+            used.dedup();
+            for [a, b] in used.into_iter().filter(|[a, b]| a != b) {
                 for (v, other, into) in [(a, b, -area), (b, a, area)] {
                     let (opposite, sum) = &mut self.out.opposite[v as usize];
                     *opposite = other;
                     *sum += into;
                 }
-            }
-            let tet = self.body.topology.cells()[cells[0] as usize].tet;
-            let parting = self.out.parting.entry(tet).or_default();
-            parting.extend([[p, q, r], [p, r, s]]);
-            let faces = [
-                [b[0], b[1], b[2]],
-                [b[0], b[2], b[3]],
-                [a[0], a[2], a[1]],
-                [a[0], a[3], a[2]],
-            ];
-            if self.pieces[i].is_sawn {
-                self.out.sawn.extend(faces);
-            } else {
-                self.out.skin.triangles.extend(faces);
             }
         }
         for (i, [p, q]) in borders {
@@ -366,6 +377,66 @@ impl Parting<'_> {
             }
         }
         self.close();
+    }
+
+    /// Both sides of a triangle, what the saw made and what broke apart.
+    fn face(&mut self, corners: [Corner; 3], cells: [u32; 2], used: &mut Vec<[u32; 2]>) {
+        let (mut sawn, mut broken) = (Vec::new(), Vec::new());
+        for k in 0..3 {
+            let (c, next) = (corners[k], corners[(k + 1) % 3]);
+            if c.depth >= 0.0 {
+                sawn.push(c.vertices);
+            }
+            if c.depth <= 0.0 {
+                broken.push(c.vertices);
+            }
+            if c.depth * next.depth < 0.0 {
+                let stop = self.stop(c, next, cells);
+                used.push(stop);
+                sawn.push(stop);
+                broken.push(stop);
+            }
+        }
+        // On the line where the saw stopped a face is of neither.
+        if sawn.len() == 3 && broken.len() == 3 {
+            sawn.clear();
+        }
+        let out = &mut self.out;
+        for (corners, list) in [(sawn, &mut out.sawn), (broken, &mut out.skin.triangles)] {
+            for k in 2..corners.len() {
+                let [a, b] = [0, 1].map(|side| [0, k - 1, k].map(|c: usize| corners[c][side]));
+                list.extend([b, [a[0], a[2], a[1]]]);
+            }
+        }
+    }
+
+    /// Between two corners, where the saw came to a stop.
+    fn stop(&mut self, from: Corner, to: Corner, cells: [u32; 2]) -> [u32; 2] {
+        [0, 1].map(|side| {
+            let (u, v) = (from.vertices[side], to.vertices[side]);
+            let key = [u.min(v), u.max(v)];
+            if let Some(known) = self.stops.get(&key) {
+                return *known;
+            }
+            let share = from.depth / (from.depth - to.depth);
+            let p = self.rest(u).lerp(&self.rest(v), share);
+            let vertex = self.push(cells[side], &p);
+            self.stops.insert(key, vertex);
+            vertex
+        })
+    }
+
+    fn rest(&self, vertex: u32) -> Vec3 {
+        Vec3::from(self.out.skin.rest[vertex as usize].map(f64::from))
+    }
+
+    /// A vertex that a cell moves.
+    fn push(&mut self, cell: u32, p: &Vec3) -> u32 {
+        let tet = self.body.topology.cells()[cell as usize].tet;
+        let weights = self.body.solid.mesh.barycentric(tet as usize, p);
+        let vertex = self.out.skin.push(Anchor { cell, weights }, p);
+        self.out.opposite.push((vertex, Vec3::zeros()));
+        vertex
     }
 
     /// A point as one cell moves it. Cells that move it alike share the vertex.
@@ -395,11 +466,9 @@ impl Parting<'_> {
         } else {
             None
         };
-        let p = self.at[&point.0] + way.unwrap_or_default();
-        let weights = mesh.barycentric(c.tet as usize, &p);
-        let vertex = self.out.skin.push(Anchor { cell, weights }, &p);
+        let p = self.places[&point.0].at + way.unwrap_or_default();
+        let vertex = self.push(cell, &p);
         self.vertices.insert((point, key), vertex);
-        self.out.opposite.push((vertex, Vec3::zeros()));
         vertex
     }
 

@@ -11,6 +11,7 @@ mod patient;
 mod print;
 mod props;
 mod restore;
+mod saw_cuts;
 mod session_pictures;
 mod skins;
 mod stage;

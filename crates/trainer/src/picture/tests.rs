@@ -433,14 +433,32 @@ fn sawn_faces_leave_the_bone_where_the_saw_came_in() {
     vertices.sort_unstable();
     vertices.dedup();
     let at = |v: &u32| Vec3::from(gap.skin.rest[*v as usize].map(f64::from));
+    // From the plane that the saw moved in: what is led out of the bone may pass its rim.
     let off_slit = |p: Vec3| {
-        let feet = body.crack.sheets.iter().filter_map(|s| s.closest(&p));
-        feet.map(|f| f.0).fold(f64::INFINITY, f64::min)
+        let off = |s: &Sheet| {
+            let (_, t, _) = s.closest(&p)?;
+            let normal = s.mesh.area_normal(t).try_normalize(1e-12)?;
+            Some((p - s.mesh.corners(t)[0]).dot(&normal).abs())
+        };
+        let all = body.crack.sheets.iter().filter_map(off);
+        all.fold(f64::INFINITY, f64::min)
     };
     let out: Vec<f64> = (vertices.iter().map(at))
         .filter(|p| region.signed(p) > 0.1)
         .map(off_slit)
         .collect();
+    // Nothing has broken yet: in the bone all is within the slit, half a kerf from its middle, so that no flake stays between.
+    let within: Vec<f64> = (vertices.iter().map(at))
+        .filter(|p| region.signed(p) < -0.5)
+        .map(off_slit)
+        .collect();
+    let flakes = within.iter().filter(|d| **d > 0.4).count();
+    assert!(within.len() > 100);
+    assert!(
+        100 * flakes <= within.len(),
+        "{flakes} of {}: {within:.2?}",
+        within.len()
+    );
     let beside = out.iter().filter(|d| **d > 0.4).count();
     assert!(out.len() > 50);
     assert!(

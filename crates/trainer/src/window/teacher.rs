@@ -300,9 +300,9 @@ pub fn profile(w: &mut Window, ui: &mut Ui) {
     }
     let nobody = "Nobody: no history";
     let now = w.settings.profile.clone();
-    let shown = if now.is_empty() { nobody } else { &now };
+    let shown = if now.is_empty() { "Nobody" } else { &now };
     ui.horizontal(|ui| {
-        let combo = wide_combo("profile", shown, ui).width(ui.available_width() - 70.0);
+        let combo = wide_combo("profile", shown, ui).width(ui.available_width() - 88.0);
         combo.show_ui(ui, |ui| {
             ui.selectable_value(&mut w.settings.profile, String::new(), nobody);
             for name in &w.teacher.names {
@@ -318,7 +318,7 @@ pub fn profile(w: &mut Window, ui: &mut Ui) {
         let edit = egui::TextEdit::singleline(&mut w.teacher.new_name)
             .hint_text("New name")
             .char_limit(profiles::LONGEST_NAME)
-            .desired_width(ui.available_width() - 56.0);
+            .desired_width(ui.available_width() - 68.0);
         ui.add(edit);
         let can = !w.teacher.new_name.trim().is_empty();
         if ui.add_enabled(can, Button::new("Add")).clicked() {

@@ -1,7 +1,8 @@
 // Fragments go into their sample's list: twin of raster.rs. No culling, no depth test.
 //
-// What the crack does not reach needs no list: lists are begun by kerf, gap and seams, and bone and all else go into lists that
-// have begun, else into a plain depth buffer. That holds for a closed bone seen from outside: else all go into lists.
+// What the crack does not reach needs no list: lists are begun by kerf, gap and seams, and of bone and all else what is near (see
+// choose.wgsl) goes into lists that have begun. Everywhere a plain depth buffer finds the nearest of bone and all else, for samples
+// without a list. That holds for a closed bone seen from outside: else all go into lists.
 @group(0) @binding(1) var<storage, read> clip: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> triangles: array<vec4<u32>>;
 @group(0) @binding(3) var<storage, read> meshes: array<Mesh>;
@@ -12,19 +13,28 @@
 // One counter would have all cores wait for each other: each tile has its own, on a cache line of its own, and a share of
 // the places; what does not fit there spills into the common ones, whose counter is the first.
 @group(0) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
+// Numbers of the triangles that are near lists.
+@group(0) @binding(7) var<storage, read> chosen: array<u32>;
 
 struct Corner {
     @builtin(position) position: vec4<f32>,
     @location(0) @interpolate(flat, either) info: u32,
 }
 
-@vertex
-fn vertex(@builtin(vertex_index) i: u32) -> Corner {
-    let number = i / 3u;
+fn corner(number: u32, k: u32) -> Corner {
     let t = triangles[number];
-    let k = i % 3u;
     let v = select(select(t.z, t.y, k == 1u), t.x, k == 0u);
     return Corner(clip[v], (meshes[t.w].kind << KIND_AT) | number);
+}
+
+@vertex
+fn vertex(@builtin(vertex_index) i: u32) -> Corner {
+    return corner(i / 3u, i % 3u);
+}
+
+@vertex
+fn vertex_chosen(@builtin(vertex_index) i: u32) -> Corner {
+    return corner(chosen[i / 3u], i % 3u);
 }
 
 const TILE: u32 = 64u;
@@ -62,18 +72,28 @@ fn every(
     return vec4<f32>(0.0);
 }
 
-// Where lists have begun, goes on with them; elsewhere the depth buffer finds the nearest.
+// Goes on with lists that have begun.
+@fragment
+fn begun(
+    @builtin(position) position: vec4<f32>,
+    @builtin(front_facing) is_front: bool,
+    @location(0) @interpolate(flat, either) info: u32,
+) -> @location(0) vec4<f32> {
+    let at = place_of(position);
+    if atomicLoad(&heads[at.y * frame.size.x + at.x]) != 0u {
+        append(at, 1.0 / position.w, info | select(IS_BACK, 0u, is_front));
+    }
+    return vec4<f32>(0.0);
+}
+
+// As hits are kept; it writes nowhere else, so that a device may look at the depth first.
 @fragment
 fn nearest(
     @builtin(position) position: vec4<f32>,
     @builtin(front_facing) is_front: bool,
     @location(0) @interpolate(flat, either) info: u32,
 ) -> @location(0) vec2<u32> {
-    let at = place_of(position);
-    let distance = 1.0 / position.w;
-    let faced = info | select(IS_BACK, 0u, is_front);
-    if atomicLoad(&heads[at.y * frame.size.x + at.x]) != 0u {
-        append(at, distance, faced);
-    }
-    return vec2<u32>(faced, bitcast<u32>(distance));
+    let hit = vec2<u32>((info & TRIANGLE) | select(IS_BACK, 0u, is_front), bitcast<u32>(1.0 / position.w));
+    // A face of the bone seen from behind is an edge that turns away: from outside, it hides nothing.
+    return select(vec2<u32>(0u), hit, is_front || info >> KIND_AT != BONE);
 }

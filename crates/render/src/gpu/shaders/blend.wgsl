@@ -68,6 +68,6 @@ fn blend(@builtin(global_invocation_id) id: vec3<u32>) {
         color += shade(s, 1.0, share > DETAILED) * share;
         through -= share;
     }
-    hits[sample] = hit;
+    hits[at.y * frame.stride + at.x] = hit;
     colors[sample] = vec4<f32>(color, through);
 }

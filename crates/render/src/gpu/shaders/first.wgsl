@@ -1,25 +1,23 @@
 // What each sample of an opaque frame shows.
 // For each sample: facing and number of the triangle, and the depth's bits; no depth where nothing is.
 @group(0) @binding(5) var<storage, read_write> hits: array<vec2<u32>>;
-// Of samples without a list: kind, facing and number of the nearest triangle, and its depth's bits.
-@group(0) @binding(9) var nearest: texture_2d<u32>;
+// Numbers of the tiles that have lists; all others have been filled.
+@group(0) @binding(9) var<storage, read> tiles: array<u32>;
 
-fn without_list(at: vec2<u32>) -> vec2<u32> {
-    let f = textureLoad(nearest, at, 0).xy;
-    // A face of the bone seen from behind is an edge that turns away: from outside, it hides nothing.
-    let is_seen = f.y != 0u && (kind_of(f.yx) != BONE || is_front(f.yx));
-    return select(vec2<u32>(0u), vec2<u32>(f.x & (IS_BACK | TRIANGLE), f.y), is_seen);
-}
+const TILE: u32 = 64u;
 
+// A group for each 8 x 8 samples of a tile.
 @compute @workgroup_size(8, 8)
-fn first(@builtin(global_invocation_id) id: vec3<u32>) {
+fn first(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) local: vec3<u32>) {
+    let across = (frame.size.x + TILE - 1u) / TILE;
+    let tile = tiles[group.x];
+    let corner = TILE * vec2<u32>(tile % across, tile / across);
+    let id = corner + 8u * vec2<u32>(group.y % 8u, group.y / 8u) + local.xy;
     if id.x >= frame.size.x || id.y >= frame.rows {
         return;
     }
-    let sample = (id.y + frame.band) * frame.size.x + id.x;
     let head = heads[id.y * frame.size.x + id.x];
-    if head == 0u && frame.has_nearest != 0u {
-        hits[sample] = without_list(vec2<u32>(id.x, id.y + frame.band));
+    if head == 0u {
         return;
     }
     // Every volume that the eye is in is left once more than entered.
@@ -56,5 +54,5 @@ fn first(@builtin(global_invocation_id) id: vec3<u32>) {
         }
         f = behind(head, f, false);
     }
-    hits[sample] = hit;
+    hits[(id.y + frame.band) * frame.stride + id.x] = hit;
 }

@@ -26,10 +26,10 @@ struct Frame {
     capacity: u32,
     // Vertices that move with cells come first.
     n_anchored: u32,
-    // Whether samples without a list have their nearest triangle.
-    has_nearest: u32,
-    unused_1: u32,
-    unused_2: u32,
+    n_triangles: u32,
+    // From a row of hits to the next.
+    stride: u32,
+    unused: u32,
 }
 
 // Material and meaning of a mesh.

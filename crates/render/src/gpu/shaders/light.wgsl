@@ -12,7 +12,7 @@ fn hidden_by(p: vec3<f32>, normal: vec3<f32>, at: vec2<f32>, radius: f32) -> f32
         return 0.0;
     }
     let q = vec2<u32>(at);
-    let depth = bitcast<f32>(hits[q.y * frame.size.x + q.x].y);
+    let depth = bitcast<f32>(hits[q.y * frame.stride + q.x].y);
     if depth <= 0.0 {
         return 0.0;
     }
@@ -57,7 +57,7 @@ fn light(@builtin(global_invocation_id) id: vec3<u32>) {
     var sum = vec3<f32>(0.0);
     for (var k = 0u; k < n; k++) {
         let at = sample_at(id.xy, k);
-        let hit = hits[at.y * frame.size.x + at.x];
+        let hit = hits[at.y * frame.stride + at.x];
         members[k] = 0.0;
         if hit.y == 0u {
             sum += seen(behind_all(id.y));
@@ -81,7 +81,7 @@ fn light(@builtin(global_invocation_id) id: vec3<u32>) {
             continue;
         }
         let at = sample_at(id.xy, k);
-        let hit = hits[at.y * frame.size.x + at.x];
+        let hit = hits[at.y * frame.stride + at.x];
         let s = surface_at(hit.x, at, bitcast<f32>(hit.y));
         sum += members[k] * seen(shade(s, open[k] / members[k], true));
     }
@@ -89,7 +89,7 @@ fn light(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 
 fn is_same(leader: vec2<u32>, hit: vec2<u32>) -> bool {
-    let a = hits[leader.y * frame.size.x + leader.x];
+    let a = hits[leader.y * frame.stride + leader.x];
     let depth = bitcast<f32>(a.y);
     return triangles[a.x & TRIANGLE].w == triangles[hit.x & TRIANGLE].w
         && abs(depth - bitcast<f32>(hit.y)) < 0.005 * depth;
