@@ -24,7 +24,7 @@ fn contacts_with_room(
     let mut near = NearPoints::with_capacity(n_cells, 16_384);
     near.find(shape, pose, &block.scene());
     let mut found = Vec::with_capacity(16_384);
-    penetrations(shape, pose, &block.scene(), &near, &mut found);
+    penetrations(shape, pose, &near, &mut found);
     assert_eq!(near.n_dropped(), 0);
     found
 }
@@ -424,7 +424,7 @@ fn near_points_are_kept_without_losing_a_contact() {
         pose = moved(&pose, &motion);
         pose.translation.vector.z += 0.1 * towards;
         near.follow(shape, &pose, &scene);
-        penetrations(shape, &pose, &scene, &near, &mut kept);
+        penetrations(shape, &pose, &near, &mut kept);
         assert_eq!(kept, contacts(&model, &block, &pose), "step {step}");
         n_contacts += kept.len();
     }
@@ -460,8 +460,8 @@ fn four_lanes_are_one_lane_four_times() {
         near[0].find_in::<f32>(shape, &pose, &scene);
         near[1].find(shape, &pose, &scene);
         assert_eq!(near[0].len(), near[1].len());
-        penetrations_in::<f32>(shape, &pose, &scene, &near[0], &mut found[0]);
-        penetrations(shape, &pose, &scene, &near[1], &mut found[1]);
+        penetrations_in::<f32>(shape, &pose, &near[0], &mut found[0]);
+        penetrations(shape, &pose, &near[1], &mut found[1]);
         assert_eq!(found[0], found[1]);
         n_contacts += found[0].len();
     }
@@ -480,7 +480,7 @@ fn the_deepest_points_are_never_dropped() {
     let mut near = NearPoints::with_capacity(4096, room);
     near.find(shape, &pose, &block.scene());
     let mut found = Vec::with_capacity(room);
-    penetrations(shape, &pose, &block.scene(), &near, &mut found);
+    penetrations(shape, &pose, &near, &mut found);
     assert!(near.n_dropped() > 0 && found.len() > room / 4);
     let shallowest = found.iter().fold(f32::INFINITY, |d, c| d.min(c.depth));
     let deeper = all.iter().filter(|c| c.depth > shallowest + 0.1);

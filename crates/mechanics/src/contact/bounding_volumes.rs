@@ -1,6 +1,7 @@
 use super::PointShell;
 use crate::geometry::{Aabb, SpatialHash, Vec3};
 use nalgebra::Matrix3x4;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A box around each cell that holds points, in a spatial hash (paper 4.2).
 ///
@@ -15,7 +16,12 @@ pub struct BoundingVolumes {
     hash: SpatialHash,
     /// The boxes that the hash knows: those of an earlier state, grown by [`SLACK`].
     hashed: Vec<(u32, Aabb)>,
+    /// Tells what the hash holds from whatever any other has held.
+    hash_number: u64,
 }
+
+/// The last [`BoundingVolumes::hash_number`] given out.
+static LAST_HASH: AtomicU64 = AtomicU64::new(0);
 
 /// Copies into the memory that is there: a main step hands a copy on, and memory given back to the system would be taken from under
 /// all threads.
@@ -31,6 +37,7 @@ impl Clone for BoundingVolumes {
         self.boxes.clone_from(&other.boxes);
         self.hashed.clone_from(&other.hashed);
         self.hash.clone_from(&other.hash);
+        self.hash_number = other.hash_number;
     }
 }
 
@@ -44,6 +51,7 @@ impl Default for BoundingVolumes {
             bounds: Aabb::EMPTY,
             hash: SpatialHash::default(),
             hashed: Vec::new(),
+            hash_number: 0,
         }
     }
 }
@@ -120,6 +128,36 @@ impl BoundingVolumes {
         let places = self.hashed.iter().enumerate();
         let places = places.map(|(k, (_, b))| (k as u32, *b));
         self.hash.rebuild(mean.max(1e-3), places);
+        self.hash_number = 1 + LAST_HASH.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Changes whenever boxes have been hashed anew: until then all volumes stay within the boxes that
+    /// [`query_hashed`](Self::query_hashed) visits, at their places.
+    pub(super) fn hash_number(&self) -> u64 {
+        self.hash_number
+    }
+
+    /// The cell at a place, and its volume.
+    #[inline]
+    pub(super) fn at(&self, place: u32) -> Option<(u32, &Aabb)> {
+        self.boxes.get(place as usize).map(|(cell, b)| (*cell, b))
+    }
+
+    /// Calls `visit` with each place whose box in the hash may meet `query`, and that box; one may come more than once.
+    pub(super) fn query_hashed(&self, query: &Aabb, mut visit: impl FnMut(u32, &Aabb)) {
+        // A hashed box is at most so much larger than the volume is now.
+        let bounds = self.bounds.grown(2.0 * SLACK);
+        if query.overlaps(&bounds) {
+            let common = Aabb {
+                min: query.min.sup(&bounds.min),
+                max: query.max.inf(&bounds.max),
+            };
+            self.hash.query(&common, |place| {
+                if let Some((_, hashed)) = self.hashed.get(place as usize) {
+                    visit(place, hashed);
+                }
+            });
+        }
     }
 
     /// How many cells hold points.

@@ -186,7 +186,7 @@ impl Evaluation {
             Some(near) => near,
             None => own.follow(shape, pose, scene),
         };
-        penetrations(shape, pose, scene, near, &mut self.contacts);
+        penetrations(shape, pose, near, &mut self.contacts);
         self.response = respond(&mut self.contacts, &model.law, &input.anchors[t], pose);
         near.n_dropped()
     }
@@ -304,7 +304,7 @@ impl<'a> Solve<'a> {
             radius: [settings.max_step; 2],
             bone: input.compliance.map(|c| c.carried_to(&state.poses)),
         };
-        let (relative, motion) = match &solve.bone {
+        let (relative, motion) = match &mut solve.bone {
             Some(bone) => bone.relative(model, input.devices, &state.poses),
             None => (state.poses, Vector12::zeros()),
         };
