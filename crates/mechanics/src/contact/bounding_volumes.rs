@@ -132,7 +132,7 @@ impl BoundingVolumes {
     }
 
     /// Changes whenever boxes have been hashed anew: until then all volumes stay within the boxes that
-    /// [`query_hashed`](Self::query_hashed) visits, at their places.
+    /// [`hashed_at`](Self::hashed_at) gives, at their places.
     pub(super) fn hash_number(&self) -> u64 {
         self.hash_number
     }
@@ -143,8 +143,14 @@ impl BoundingVolumes {
         self.boxes.get(place as usize).map(|(cell, b)| (*cell, b))
     }
 
-    /// Calls `visit` with each place whose box in the hash may meet `query`, and that box; one may come more than once.
-    pub(super) fn query_hashed(&self, query: &Aabb, mut visit: impl FnMut(u32, &Aabb)) {
+    /// The box at a place in the hash.
+    #[inline]
+    pub(super) fn hashed_at(&self, place: u32) -> Option<&Aabb> {
+        self.hashed.get(place as usize).map(|(_, b)| b)
+    }
+
+    /// Calls `visit` with each place whose [hashed box](Self::hashed_at) may meet `query`; one may come more than once.
+    pub(super) fn query_hashed(&self, query: &Aabb, visit: impl FnMut(u32)) {
         // A hashed box is at most so much larger than the volume is now.
         let bounds = self.bounds.grown(2.0 * SLACK);
         if query.overlaps(&bounds) {
@@ -152,11 +158,7 @@ impl BoundingVolumes {
                 min: query.min.sup(&bounds.min),
                 max: query.max.inf(&bounds.max),
             };
-            self.hash.query(&common, |place| {
-                if let Some((_, hashed)) = self.hashed.get(place as usize) {
-                    visit(place, hashed);
-                }
-            });
+            self.hash.query(&common, visit);
         }
     }
 

@@ -350,22 +350,23 @@ impl NearCells {
                 && way(shape, at, world_from_shape) < f64::from(ABOUT - ROUNDING)
         };
         if !self.looked.as_ref().is_some_and(serves) {
-            let found_room = self.look_about(shape, world_from_shape, volumes, ABOUT);
+            let found_room = self.look_about::<L>(shape, world_from_shape, volumes, ABOUT);
             self.looked = found_room.then_some((*world_from_shape, volumes.hash_number()));
             if !found_room {
-                self.look_about(shape, world_from_shape, volumes, 0.0);
+                self.look_about::<L>(shape, world_from_shape, volumes, 0.0);
             }
         }
         self.cells.clear();
         for some in self.about.chunks(L::N) {
-            let near = search.volumes_near::<L>(some);
+            let volume = |place| volumes.at(place).map(|(_, volume)| volume);
+            let near = boxes_near::<L>(shape, &search.into, some, 0.0, volume);
             let cells = set_bits(near).filter_map(|l| volumes.at(some[l]));
             self.cells.extend(cells.map(|(cell, _)| cell));
         }
     }
 
     /// Asks the hash for the cells about the shape. Whether there was room for all.
-    fn look_about(
+    fn look_about<L: Lanes>(
         &mut self,
         shape: &RigidShape,
         world_from_shape: &Pose,
@@ -375,23 +376,35 @@ impl NearCells {
         self.about.clear();
         self.next_stamp();
         let (about, seen, stamp) = (&mut self.about, &mut self.seen, self.stamp);
-        let mut found_room = true;
         let into = IntoShape::new(world_from_shape);
-        for_slices(shape, world_from_shape, way, |slice| {
-            volumes.query_hashed(slice, |place, volume| {
-                let now = Seen { place, stamp };
-                let at = place as usize % seen.len().max(1);
-                let last = seen.get_mut(at).map(|last| std::mem::replace(last, now));
-                if last == Some(now) || ball_of_box_is_away(shape, &into, volume, way) {
-                    return;
-                }
+        let mut found_room = true;
+        let mut sift = |some: &[u32]| {
+            let hashed = |place| volumes.hashed_at(place);
+            for l in set_bits(boxes_near::<L>(shape, &into, some, way, hashed)) {
                 if about.len() == about.capacity() {
                     found_room = false;
                 } else {
-                    about.push(place);
+                    about.push(some[l]);
+                }
+            }
+        };
+        let (mut some, mut n) = ([0; LANES], 0);
+        for_slices(shape, world_from_shape, way, |slice| {
+            volumes.query_hashed(slice, |place| {
+                let now = Seen { place, stamp };
+                let at = place as usize % seen.len().max(1);
+                let last = seen.get_mut(at).map(|last| std::mem::replace(last, now));
+                if last != Some(now) {
+                    some[n] = place;
+                    n += 1;
+                }
+                if n == L::N {
+                    sift(&some[..n]);
+                    n = 0;
                 }
             });
         });
+        sift(&some[..n]);
         about.sort_unstable();
         about.dedup();
         found_room
@@ -418,7 +431,7 @@ pub fn cells_about(
     let into = IntoShape::new(world_from_shape);
     for_slices(shape, world_from_shape, way, |slice| {
         volumes.query(slice, |cell, volume| {
-            if !ball_of_box_is_away(shape, &into, volume, way) {
+            if boxes_near::<f32>(shape, &into, &[cell], way, |_| Some(volume)) != 0 {
                 visit(cell);
             }
         });
@@ -433,11 +446,27 @@ fn for_slices(shape: &RigidShape, world_from_shape: &Pose, way: f32, mut visit: 
     }
 }
 
-/// Whether the ball around a box holds no point that can be near the shape once it has moved by `way` \[mm\].
-fn ball_of_box_is_away(shape: &RigidShape, into: &IntoShape, b: &Aabb, way: f32) -> bool {
-    let radius = (0.5 * b.extent().norm()) as f32;
-    let (centre, reach) = (into.point(&b.centre()), reach_beyond(shape, true));
-    balls_away(shape, centre, radius + way + ROUNDING, reach)
+/// Which of up to as many boxes as there are lanes may hold points near the shape once it has moved by `way` \[mm\], a bit each.
+fn boxes_near<'a, L: Lanes>(
+    shape: &RigidShape,
+    into: &IntoShape,
+    places: &[u32],
+    way: f32,
+    of: impl Fn(u32) -> Option<&'a Aabb>,
+) -> u32 {
+    let Some(first) = places.first() else {
+        return 0;
+    };
+    let [x, y, z, radius] = L::columns(|l| {
+        of(*places.get(l).unwrap_or(first)).map_or([f32::NAN; 4], |b| {
+            let [x, y, z] = into.from_origin(&b.centre());
+            [x, y, z, (0.5 * b.extent().norm()) as f32]
+        })
+    });
+    let reach = L::splat(reach_beyond(shape, true));
+    let radius = radius + L::splat(way + ROUNDING);
+    let away = balls_away(shape, into.turned([x, y, z]), radius, reach);
+    !L::bits(away) & ((1 << places.len()) - 1)
 }
 
 /// The shape's box cut across its longest axis.
@@ -488,25 +517,6 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Which of some volumes may hold near points, a bit each.
-    fn volumes_near<L: Lanes>(&self, places: &[u32]) -> u32 {
-        let ball = |l: usize| {
-            let place = places.get(l).unwrap_or(&places[0]);
-            self.scene
-                .volumes
-                .at(*place)
-                .map_or([f32::NAN; 4], |(_, volume)| {
-                    let [x, y, z] = self.into.from_origin(&volume.centre());
-                    [x, y, z, (0.5 * volume.extent().norm()) as f32 + ROUNDING]
-                })
-        };
-        let [x, y, z, radius] = L::columns(ball);
-        let centre = self.into.turned([x, y, z]);
-        let reach = L::splat(reach_beyond(self.shape, true));
-        let away = balls_away(self.shape, centre, radius, reach);
-        !L::bits(away) & ((1 << places.len()) - 1)
-    }
-
     /// The ways from some cells to the shape, and which of them may hold near points, a bit each.
     fn cells_near<L: Lanes>(&self, cells: &[u32]) -> ([FromCell; LANES], u32) {
         let scene = self.scene;
