@@ -176,11 +176,6 @@ impl IntoShape {
         FromCell([row(a), row(b), row(c)])
     }
 
-    /// A place of the world.
-    pub fn point(&self, p: &Vec3) -> [f32; 3] {
-        self.turned(self.from_origin(p))
-    }
-
     /// The way from the shape's origin to a place, in the world's axes.
     pub fn from_origin(&self, p: &Vec3) -> [f32; 3] {
         [0, 1, 2].map(|k| (p[k] - self.origin[k]) as f32)
