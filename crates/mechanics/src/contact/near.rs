@@ -335,7 +335,8 @@ impl NearCells {
     fn with_capacity(n_cells: usize) -> Self {
         Self {
             cells: Vec::with_capacity(n_cells),
-            about: Vec::with_capacity(n_cells),
+            // The boxes in the hash are larger than the volumes, and these are to be those of a while.
+            about: Vec::with_capacity(4 * n_cells),
             looked: None,
             seen: vec![Seen::default(); n_cells],
             stamp: 0,
