@@ -1,5 +1,5 @@
 use super::PointShell;
-use crate::geometry::{Aabb, SpatialHash, Vec3};
+use crate::geometry::{Aabb, LANES, SpatialHash, Vec3};
 use nalgebra::Matrix3x4;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -16,8 +16,30 @@ pub struct BoundingVolumes {
     hash: SpatialHash,
     /// The boxes that the hash knows: those of an earlier state, grown by [`SLACK`].
     hashed: Vec<(u32, Aabb)>,
+    /// Balls about these, four at a time in their order.
+    balls: Vec<Balls>,
     /// Tells what the hash holds from whatever any other has held.
     hash_number: u64,
+}
+
+/// Four balls, fewer at the end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Balls {
+    /// Centres \[mm\], then radii.
+    pub numbers: [[f32; LANES]; 4],
+}
+
+impl Balls {
+    fn about(boxes: &[(u32, Aabb)]) -> Self {
+        let mut numbers = [[f32::NAN; LANES]; 4];
+        for (l, (_, b)) in boxes.iter().enumerate() {
+            let (c, radius) = (b.centre(), 0.5 * b.extent().norm());
+            for (to, v) in numbers.iter_mut().zip([c.x, c.y, c.z, radius]) {
+                to[l] = v as f32;
+            }
+        }
+        Self { numbers }
+    }
 }
 
 /// The last [`BoundingVolumes::hash_number`] given out.
@@ -36,6 +58,7 @@ impl Clone for BoundingVolumes {
         self.bounds = other.bounds;
         self.boxes.clone_from(&other.boxes);
         self.hashed.clone_from(&other.hashed);
+        self.balls.clone_from(&other.balls);
         self.hash.clone_from(&other.hash);
         self.hash_number = other.hash_number;
     }
@@ -51,6 +74,7 @@ impl Default for BoundingVolumes {
             bounds: Aabb::EMPTY,
             hash: SpatialHash::default(),
             hashed: Vec::new(),
+            balls: Vec::new(),
             hash_number: 0,
         }
     }
@@ -123,6 +147,8 @@ impl BoundingVolumes {
         self.hashed.clear();
         let grown = self.boxes.iter().map(|(c, b)| (*c, b.grown(SLACK)));
         self.hashed.extend(grown);
+        self.balls.clear();
+        (self.balls).extend(self.hashed.chunks(LANES).map(Balls::about));
         let size: f64 = self.boxes.iter().map(|b| b.1.extent().max()).sum();
         let mean = size / self.boxes.len().max(1) as f64;
         let places = self.hashed.iter().enumerate();
@@ -131,35 +157,20 @@ impl BoundingVolumes {
         self.hash_number = 1 + LAST_HASH.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Changes whenever boxes have been hashed anew: until then all volumes stay within the boxes that
-    /// [`hashed_at`](Self::hashed_at) gives, at their places.
+    /// Changes whenever boxes have been hashed anew: until then all volumes stay within their [`balls`](Self::balls).
     pub(super) fn hash_number(&self) -> u64 {
         self.hash_number
+    }
+
+    /// Balls about the volumes as large as these may become, in the order of their places.
+    pub(super) fn balls(&self) -> &[Balls] {
+        &self.balls
     }
 
     /// The cell at a place, and its volume.
     #[inline]
     pub(super) fn at(&self, place: u32) -> Option<(u32, &Aabb)> {
         self.boxes.get(place as usize).map(|(cell, b)| (*cell, b))
-    }
-
-    /// The box at a place in the hash.
-    #[inline]
-    pub(super) fn hashed_at(&self, place: u32) -> Option<&Aabb> {
-        self.hashed.get(place as usize).map(|(_, b)| b)
-    }
-
-    /// Calls `visit` with each place whose [hashed box](Self::hashed_at) may meet `query`; one may come more than once.
-    pub(super) fn query_hashed(&self, query: &Aabb, visit: impl FnMut(u32)) {
-        // A hashed box is at most so much larger than the volume is now.
-        let bounds = self.bounds.grown(2.0 * SLACK);
-        if query.overlaps(&bounds) {
-            let common = Aabb {
-                min: query.min.sup(&bounds.min),
-                max: query.max.inf(&bounds.max),
-            };
-            self.hash.query(&common, visit);
-        }
     }
 
     /// How many cells hold points.

@@ -308,22 +308,12 @@ struct NearCells {
     cells: Vec<u32>,
     /// Places among the volumes of all that may come near while the shape moves by up to [`ABOUT`], ascending.
     about: Vec<u32>,
-    /// Where the shape was then, and which boxes the hash held.
+    /// Where the shape was then, and which boxes were hashed.
     looked: Option<(Pose, u64)>,
-    /// At a place modulo their length, a place and when it was last seen: of two that share one the earlier is forgotten and may
-    /// come twice.
-    seen: Vec<Seen>,
-    stamp: u32,
 }
 
 /// A shape may move by this \[mm\] before the hash is asked again for the cells about it: a trial step is at most 1 mm.
 const ABOUT: f32 = 1.5;
-
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Seen {
-    place: u32,
-    stamp: u32,
-}
 
 /// A shape is looked up in this many slices along its longest axis, so that a slanted blade does not drag in the cells
 /// of the whole box around it.
@@ -335,11 +325,9 @@ impl NearCells {
     fn with_capacity(n_cells: usize) -> Self {
         Self {
             cells: Vec::with_capacity(n_cells),
-            // The boxes in the hash are larger than the volumes, and these are to be those of a while.
+            // The balls are larger than the volumes, and these are to be those of a while.
             about: Vec::with_capacity(4 * n_cells),
             looked: None,
-            seen: vec![Seen::default(); n_cells],
-            stamp: 0,
         }
     }
 
@@ -351,10 +339,10 @@ impl NearCells {
                 && way(shape, at, world_from_shape) < f64::from(ABOUT - ROUNDING)
         };
         if !self.looked.as_ref().is_some_and(serves) {
-            let found_room = self.look_about::<L>(shape, world_from_shape, volumes, ABOUT);
+            let found_room = self.look_about::<L>(search, ABOUT);
             self.looked = found_room.then_some((*world_from_shape, volumes.hash_number()));
             if !found_room {
-                self.look_about::<L>(shape, world_from_shape, volumes, 0.0);
+                self.look_about::<L>(search, 0.0);
             }
         }
         self.cells.clear();
@@ -366,57 +354,33 @@ impl NearCells {
         }
     }
 
-    /// Asks the hash for the cells about the shape. Whether there was room for all.
-    fn look_about<L: Lanes>(
-        &mut self,
-        shape: &RigidShape,
-        world_from_shape: &Pose,
-        volumes: &BoundingVolumes,
-        way: f32,
-    ) -> bool {
+    /// Looks through all cells for those about the shape: what is cheap for each is sooner done than a hash is asked for many. Whether
+    /// there was room for all.
+    fn look_about<L: Lanes>(&mut self, search: &Search, way: f32) -> bool {
         self.about.clear();
-        self.next_stamp();
-        let (about, seen, stamp) = (&mut self.about, &mut self.seen, self.stamp);
-        let into = IntoShape::new(world_from_shape);
-        let mut found_room = true;
-        let mut sift = |some: &[u32]| {
-            let hashed = |place| volumes.hashed_at(place);
-            for l in set_bits(boxes_near::<L>(shape, &into, some, way, hashed)) {
-                if about.len() == about.capacity() {
-                    found_room = false;
-                } else {
-                    about.push(some[l]);
+        let volumes = search.scene.volumes;
+        let (origin, reach) = (search.into.origin(), reach_beyond(search.shape, true));
+        for (first, balls) in (0..).step_by(LANES).zip(volumes.balls()) {
+            for at in (0..LANES).step_by(L::N) {
+                let [x, y, z, radius] = balls.numbers.each_ref().map(|n| L::load(n, at));
+                let [a, b, c] = origin.map(L::splat);
+                let centre = search.into.turned([x - a, y - b, z - c]);
+                let radius = radius + L::splat(way + ROUNDING);
+                let away = balls_away(search.shape, centre, radius, L::splat(reach));
+                let near = !L::bits(away) & ((1 << L::N) - 1);
+                for l in set_bits(near) {
+                    let place = first + (at + l) as u32;
+                    if place as usize >= volumes.len() {
+                        return true;
+                    }
+                    if self.about.len() == self.about.capacity() {
+                        return false;
+                    }
+                    self.about.push(place);
                 }
             }
-        };
-        let (mut some, mut n) = ([0; LANES], 0);
-        for_slices(shape, world_from_shape, way, |slice| {
-            volumes.query_hashed(slice, |place| {
-                let now = Seen { place, stamp };
-                let at = place as usize % seen.len().max(1);
-                let last = seen.get_mut(at).map(|last| std::mem::replace(last, now));
-                if last != Some(now) {
-                    some[n] = place;
-                    n += 1;
-                }
-                if n == L::N {
-                    sift(&some[..n]);
-                    n = 0;
-                }
-            });
-        });
-        sift(&some[..n]);
-        about.sort_unstable();
-        about.dedup();
-        found_room
-    }
-
-    fn next_stamp(&mut self) {
-        self.stamp = self.stamp.wrapping_add(1);
-        if self.stamp == 0 {
-            self.seen.fill(Seen::default());
-            self.stamp = 1;
         }
+        true
     }
 }
 

@@ -176,6 +176,11 @@ impl IntoShape {
         FromCell([row(a), row(b), row(c)])
     }
 
+    /// The shape's.
+    pub fn origin(&self) -> [f32; 3] {
+        [0, 1, 2].map(|k| self.origin[k] as f32)
+    }
+
     /// The way from the shape's origin to a place, in the world's axes.
     pub fn from_origin(&self, p: &Vec3) -> [f32; 3] {
         [0, 1, 2].map(|k| (p[k] - self.origin[k]) as f32)
