@@ -424,7 +424,7 @@ fn boxes_near<'a, L: Lanes>(
     };
     let [x, y, z, radius] = L::columns(|l| {
         of(*places.get(l).unwrap_or(first)).map_or([f32::NAN; 4], |b| {
-            let [x, y, z] = into.from_origin(&b.centre());
+            let [x, y, z] = into.way_to(&b.centre());
             [x, y, z, (0.5 * b.extent().norm()) as f32]
         })
     });

@@ -182,7 +182,7 @@ impl IntoShape {
     }
 
     /// The way from the shape's origin to a place, in the world's axes.
-    pub fn from_origin(&self, p: &Vec3) -> [f32; 3] {
+    pub fn way_to(&self, p: &Vec3) -> [f32; 3] {
         [0, 1, 2].map(|k| (p[k] - self.origin[k]) as f32)
     }
 
