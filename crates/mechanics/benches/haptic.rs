@@ -56,9 +56,8 @@ fn query(n: usize) {
     let [mut found, mut plain_found] = [0; 2].map(|_| Vec::with_capacity(room));
     let find = median(|_| near.find(shape, &pose, &scene));
     let plain_find = median(|_| plain_near.find_in::<f32>(shape, &pose, &scene));
-    let ask = median(|_| penetrations(shape, &pose, &scene, &near, &mut found));
-    let plain_ask =
-        median(|_| penetrations_in::<f32>(shape, &pose, &scene, &plain_near, &mut plain_found));
+    let ask = median(|_| penetrations(shape, &pose, &near, &mut found));
+    let plain_ask = median(|_| penetrations_in::<f32>(shape, &pose, &plain_near, &mut plain_found));
     assert_eq!(found, plain_found);
     println!(
         "{room:>8} points, {} near, {} inside: finding {find:.1} us ({:.1} times slower without SIMD), query {ask:.2} us ({:.1} times; {:.0} points a us)",

@@ -24,7 +24,7 @@ fn contacts_with_room(
     let mut near = NearPoints::with_capacity(n_cells, 16_384);
     near.find(shape, pose, &block.scene());
     let mut found = Vec::with_capacity(16_384);
-    penetrations(shape, pose, &block.scene(), &near, &mut found);
+    penetrations(shape, pose, &near, &mut found);
     assert_eq!(near.n_dropped(), 0);
     found
 }
@@ -403,7 +403,8 @@ fn a_blade_ahead_of_the_crack_pushes_both_walls_apart() {
     assert!(push(1.0, false).iter().all(|f| f.force.y < 0.0));
 }
 
-/// Points found once serve as long as shape and bone stay near where they were: the contacts are those of a search at each step.
+/// Points found once serve as long as shape and bone stay near where they were: the contacts are those of a search at each step, but for
+/// what rounding decides. The blade wanders and twists.
 #[test]
 fn near_points_are_kept_without_losing_a_contact() {
     let block = Block::still(16);
@@ -419,24 +420,34 @@ fn near_points_are_kept_without_losing_a_contact() {
     let mut pose = downward(Vec3::new(-6.0, 0.4, -1.0), Vec3::zeros());
     let mut n_contacts = 0;
     for step in 0..400 {
-        let motion = [0, 1, 2, 3, 4, 5].map(|k| random() * if k < 3 { 0.06 } else { 0.001 });
+        let most = [0.06, 0.06, 0.06, 0.001, 0.001, 0.02];
+        let motion = most.map(|most| random() * most);
         let towards = -1.0 - pose.translation.vector.z;
         pose = moved(&pose, &motion);
         pose.translation.vector.z += 0.1 * towards;
         near.follow(shape, &pose, &scene);
-        penetrations(shape, &pose, &scene, &near, &mut kept);
-        assert_eq!(kept, contacts(&model, &block, &pose), "step {step}");
+        penetrations(shape, &pose, &near, &mut kept);
+        let anew = contacts(&model, &block, &pose);
+        assert_alike(&kept, &anew, step);
+        assert_alike(&anew, &kept, step);
         n_contacts += kept.len();
     }
     assert!(n_contacts > 400, "{n_contacts}: hardly touched");
 }
 
-/// Four points at a time give what one at a time gives, to the last bit: on the surface, and on walls that look either way.
-#[test]
-fn four_lanes_are_one_lane_four_times() {
-    let mut block = Block::new(9, |p| {
-        p + Vec3::new(0.03 * p.z, -0.02 * p.x, 0.01 * p.y * p.x)
-    });
+/// Every contact of `some` is among `others`, as deep, but for those as shallow as rounding.
+fn assert_alike(some: &[Contact], others: &[Contact], step: usize) {
+    const ROUNDING: f32 = 5e-5;
+    for contact in some {
+        let same = others
+            .iter()
+            .any(|o| o.id == contact.id && (o.depth - contact.depth).abs() < ROUNDING);
+        assert!(same || contact.depth < ROUNDING, "step {step}: {contact:?}");
+    }
+}
+
+/// A block whose points are by turns of its surface and of walls.
+fn walled(mut block: Block) -> Block {
     let faces = [Vec3::y(), -Vec3::y(), Vec3::new(0.6, 0.8, 0.0)];
     let wall = |k: usize| {
         let point = *block.points.get(k as u32);
@@ -450,6 +461,15 @@ fn four_lanes_are_one_lane_four_times() {
     let cells: Vec<u32> = points.iter().map(|p| p.tet).collect();
     let points = ShellPoints::new(points.into());
     block.shell = PointShell::group(&points, &cells, block.mesh.tets().len());
+    block
+}
+
+/// Four points at a time give what one at a time gives, to the last bit: on the surface, and on walls that look either way.
+#[test]
+fn four_lanes_are_one_lane_four_times() {
+    let block = walled(Block::new(9, |p| {
+        p + Vec3::new(0.03 * p.z, -0.02 * p.x, 0.01 * p.y * p.x)
+    }));
     let model = model(0.0);
     let shape = &model.tools[0].shape;
     let mut near = [0; 2].map(|_| NearPoints::with_capacity(4096, 16_384));
@@ -460,8 +480,8 @@ fn four_lanes_are_one_lane_four_times() {
         near[0].find_in::<f32>(shape, &pose, &scene);
         near[1].find(shape, &pose, &scene);
         assert_eq!(near[0].len(), near[1].len());
-        penetrations_in::<f32>(shape, &pose, &scene, &near[0], &mut found[0]);
-        penetrations(shape, &pose, &scene, &near[1], &mut found[1]);
+        penetrations_in::<f32>(shape, &pose, &near[0], &mut found[0]);
+        penetrations(shape, &pose, &near[1], &mut found[1]);
         assert_eq!(found[0], found[1]);
         n_contacts += found[0].len();
     }
@@ -480,7 +500,7 @@ fn the_deepest_points_are_never_dropped() {
     let mut near = NearPoints::with_capacity(4096, room);
     near.find(shape, &pose, &block.scene());
     let mut found = Vec::with_capacity(room);
-    penetrations(shape, &pose, &block.scene(), &near, &mut found);
+    penetrations(shape, &pose, &near, &mut found);
     assert!(near.n_dropped() > 0 && found.len() > room / 4);
     let shallowest = found.iter().fold(f32::INFINITY, |d, c| d.min(c.depth));
     let deeper = all.iter().filter(|c| c.depth > shallowest + 0.1);

@@ -53,7 +53,7 @@ impl StepTimes {
                 for t in 0..2 {
                     let (shape, pose) = (&tools.tools[t].shape, &hands[t][k].tool_pose);
                     near[t].follow(shape, pose, &scene);
-                    penetrations(shape, pose, &scene, &near[t], &mut found[t]);
+                    penetrations(shape, pose, &near[t], &mut found[t]);
                 }
             });
             // The first of a stretch comes from afar, as no step of a session does.

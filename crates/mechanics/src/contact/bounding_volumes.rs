@@ -1,6 +1,7 @@
 use super::PointShell;
-use crate::geometry::{Aabb, SpatialHash, Vec3};
+use crate::geometry::{Aabb, LANES, SpatialHash, Vec3};
 use nalgebra::Matrix3x4;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A box around each cell that holds points, in a spatial hash (paper 4.2).
 ///
@@ -15,7 +16,34 @@ pub struct BoundingVolumes {
     hash: SpatialHash,
     /// The boxes that the hash knows: those of an earlier state, grown by [`SLACK`].
     hashed: Vec<(u32, Aabb)>,
+    /// Balls about these, four at a time in their order.
+    balls: Vec<Balls>,
+    /// Tells what the hash holds from whatever any other has held.
+    hash_number: u64,
 }
+
+/// Four balls, fewer at the end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Balls {
+    /// Centres \[mm\], then radii.
+    pub numbers: [[f32; LANES]; 4],
+}
+
+impl Balls {
+    fn about(boxes: &[(u32, Aabb)]) -> Self {
+        let mut numbers = [[f32::NAN; LANES]; 4];
+        for (l, (_, b)) in boxes.iter().enumerate() {
+            let (c, radius) = (b.centre(), 0.5 * b.extent().norm());
+            for (to, v) in numbers.iter_mut().zip([c.x, c.y, c.z, radius]) {
+                to[l] = v as f32;
+            }
+        }
+        Self { numbers }
+    }
+}
+
+/// The last [`BoundingVolumes::hash_number`] given out.
+static LAST_HASH: AtomicU64 = AtomicU64::new(0);
 
 /// Copies into the memory that is there: a main step hands a copy on, and memory given back to the system would be taken from under
 /// all threads.
@@ -30,7 +58,9 @@ impl Clone for BoundingVolumes {
         self.bounds = other.bounds;
         self.boxes.clone_from(&other.boxes);
         self.hashed.clone_from(&other.hashed);
+        self.balls.clone_from(&other.balls);
         self.hash.clone_from(&other.hash);
+        self.hash_number = other.hash_number;
     }
 }
 
@@ -44,6 +74,8 @@ impl Default for BoundingVolumes {
             bounds: Aabb::EMPTY,
             hash: SpatialHash::default(),
             hashed: Vec::new(),
+            balls: Vec::new(),
+            hash_number: 0,
         }
     }
 }
@@ -115,11 +147,30 @@ impl BoundingVolumes {
         self.hashed.clear();
         let grown = self.boxes.iter().map(|(c, b)| (*c, b.grown(SLACK)));
         self.hashed.extend(grown);
+        self.balls.clear();
+        (self.balls).extend(self.hashed.chunks(LANES).map(Balls::about));
         let size: f64 = self.boxes.iter().map(|b| b.1.extent().max()).sum();
         let mean = size / self.boxes.len().max(1) as f64;
         let places = self.hashed.iter().enumerate();
         let places = places.map(|(k, (_, b))| (k as u32, *b));
         self.hash.rebuild(mean.max(1e-3), places);
+        self.hash_number = 1 + LAST_HASH.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Changes whenever boxes have been hashed anew: until then all volumes stay within their [`balls`](Self::balls).
+    pub(super) fn hash_number(&self) -> u64 {
+        self.hash_number
+    }
+
+    /// Balls about the volumes as large as these may become, in the order of their places.
+    pub(super) fn balls(&self) -> &[Balls] {
+        &self.balls
+    }
+
+    /// The cell at a place, and its volume.
+    #[inline]
+    pub(super) fn at(&self, place: u32) -> Option<(u32, &Aabb)> {
+        self.boxes.get(place as usize).map(|(cell, b)| (*cell, b))
     }
 
     /// How many cells hold points.

@@ -3,19 +3,21 @@ use super::point_shell::BlockPoints;
 use super::query::{ContactScene, FromCell, IntoShape};
 use super::rigid_shape::SIDE_DEPTH;
 use super::{BoundingVolumes, RigidShape};
-use crate::geometry::{Aabb, LANES, Lanes, Pose, set_bits};
+use crate::geometry::{Aabb, LANES, Lanes, Pose, Vec3, set_bits};
 use wide::f32x4;
 
 /// Points within this distance of a shape \[mm\] are kept: the shape may move as far before they are looked for again. Less than
 /// the margin of the shapes' grids, which know nothing beyond.
 const MARGIN: f32 = 0.25;
 
+/// Neither may it turn by more than this \[rad\]: whether a wall looks at a side of a blade is asked with as much to spare.
+pub(super) const TURN: f32 = 0.05;
+
 /// The points near one shape, by ascending cell, then place, and the memory to find them. Nothing here allocates after
 /// construction.
 #[derive(Debug)]
 pub struct NearPoints {
     cells: NearCells,
-    groups: Vec<Group>,
     fours: Vec<NearFour>,
     n_points: usize,
     n_room: usize,
@@ -30,29 +32,24 @@ struct Found {
     state: u64,
 }
 
-/// The near points of one cell: a range of fours.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Group {
-    pub cell: u32,
-    first: u32,
-    end: u32,
-}
-
-/// Up to four near points of one cell. Places without a point have shape functions that are NaN: they are nowhere.
+/// Four near points, fewer at the end. Places without a point have positions that are NaN: they are nowhere.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NearFour {
-    pub weights: [[f32; LANES]; 4],
+    /// In the frame of the shape as it stood when they were found: within one state of the scene they do not move.
+    pub positions: [[f32; LANES]; 3],
     pub normals: [[f32; LANES]; 3],
     pub areas: [f32; LANES],
+    pub cells: [u32; LANES],
     pub places: [u32; LANES],
     pub ids: [u32; LANES],
 }
 
 impl NearFour {
     const EMPTY: Self = Self {
-        weights: [[f32::NAN; LANES]; 4],
+        positions: [[f32::NAN; LANES]; 3],
         normals: [[0.0; LANES]; 3],
         areas: [0.0; LANES],
+        cells: [0; LANES],
         places: [0; LANES],
         ids: [0; LANES],
     };
@@ -67,7 +64,6 @@ impl Clone for NearPoints {
     }
 
     fn clone_from(&mut self, other: &Self) {
-        self.groups.clone_from(&other.groups);
         self.fours.clone_from(&other.fours);
         self.n_points = other.n_points;
         self.found = other.found;
@@ -80,9 +76,7 @@ impl NearPoints {
     pub fn with_capacity(n_cells: usize, n_points: usize) -> Self {
         Self {
             cells: NearCells::with_capacity(n_cells),
-            groups: Vec::with_capacity(n_cells),
-            // Each cell's last four may have empty places.
-            fours: Vec::with_capacity(n_points / LANES + n_cells),
+            fours: Vec::with_capacity(n_points.div_ceil(LANES)),
             n_points: 0,
             n_room: n_points,
             found: None,
@@ -105,13 +99,13 @@ impl NearPoints {
         self.n_dropped
     }
 
-    pub(super) fn groups(&self) -> &[Group] {
-        &self.groups
+    pub(super) fn fours(&self) -> &[NearFour] {
+        &self.fours
     }
 
-    pub(super) fn points(&self, group: &Group) -> &[NearFour] {
-        let range = group.first as usize..group.end as usize;
-        self.fours.get(range).unwrap_or(&[])
+    /// Where the shape stood when they were found.
+    pub(super) fn found_at(&self) -> Option<&Pose> {
+        self.found.as_ref().map(|f| &f.at)
     }
 
     /// Makes sure that the points near the shape at `world_from_shape` are here. Looks for them only if the scene is in another
@@ -145,8 +139,16 @@ impl NearPoints {
 
     /// Whether they serve the shape at `world_from_shape` in the state in which they were found.
     pub fn holds(&self, shape: &RigidShape, world_from_shape: &Pose) -> bool {
-        let near = |f: &Found| way(shape, &f.at, world_from_shape) < f64::from(MARGIN - ROUNDING);
+        let near = |f: &Found| {
+            way(shape, &f.at, world_from_shape) < f64::from(MARGIN - ROUNDING)
+                && f.at.rotation.angle_to(&world_from_shape.rotation) < f64::from(TURN)
+        };
         self.found.as_ref().is_some_and(near)
+    }
+
+    /// Takes over the cells that another place of the same shape knows about it, and gives away its own.
+    pub(super) fn take_cells(&mut self, other: &mut Self) {
+        std::mem::swap(&mut self.cells, &mut other.cells);
     }
 
     /// As [`follow`](Self::follow), from anew.
@@ -166,7 +168,7 @@ impl NearPoints {
             into: IntoShape::new(world_from_shape),
             scene,
         };
-        self.cells.find(&search, world_from_shape);
+        self.cells.find::<L>(&search, world_from_shape);
         let depths = self.collect::<L>(&search, f32::NEG_INFINITY);
         self.n_dropped = depths.n.saturating_sub(self.n_points);
         if self.n_dropped > 0 {
@@ -182,32 +184,25 @@ impl NearPoints {
     /// Gathers the near points that are deeper than `deeper` (negative outside) while there is room, and counts all.
     fn collect<L: Lanes>(&mut self, search: &Search, deeper: f32) -> Depths {
         let mut depths = Depths::default();
-        self.groups.clear();
         self.fours.clear();
         self.n_points = 0;
-        let scene = search.scene;
-        for c in 0..self.cells.cells.len() {
-            let cell = self.cells.cells[c];
-            let Some(d) = scene.deformation.get(cell as usize) else {
-                continue;
-            };
-            let from_cell = search.into.cell::<L>(d);
-            if search.cell_is_away(&from_cell, scene.shell.overhang(cell as usize)) {
-                continue;
-            }
-            let first = self.fours.len() as u32;
-            let mut found = FoundInCell {
-                filled: LANES,
-                deeper,
-                depths: &mut depths,
-                near: self,
-            };
-            search.blocks_near::<L>(cell as usize, &from_cell, |block| {
-                search.points_near::<L>(block, &from_cell, &mut found);
-            });
-            let end = self.fours.len() as u32;
-            if end > first {
-                self.groups.push(Group { cell, first, end });
+        for first in (0..self.cells.cells.len()).step_by(L::N) {
+            let mut cells = [0; LANES];
+            let left = &self.cells.cells[first..];
+            let n = left.len().min(L::N);
+            cells[..n].copy_from_slice(&left[..n]);
+            let (from_cells, near) = search.cells_near::<L>(&cells[..n]);
+            for l in set_bits(near) {
+                let (cell, from_cell) = (cells[l], &from_cells[l]);
+                let mut found = FoundInCell {
+                    cell,
+                    deeper,
+                    depths: &mut depths,
+                    near: self,
+                };
+                search.blocks_near::<L>(cell as usize, from_cell, |block| {
+                    search.points_near::<L>(block, from_cell, &mut found);
+                });
             }
         }
         depths
@@ -217,47 +212,54 @@ impl NearPoints {
 /// Where the near points of one cell are put.
 struct FoundInCell<'a> {
     near: &'a mut NearPoints,
-    /// Places of the last four that hold a point.
-    filled: usize,
+    cell: u32,
     deeper: f32,
     depths: &'a mut Depths,
 }
 
 impl FoundInCell<'_> {
-    fn put(&mut self, block: &BlockPoints, k: usize, distance: f32) {
+    /// Point `k` of a block, at `position` in the shape's frame.
+    fn put(&mut self, block: &BlockPoints, k: usize, position: [f32; 3], distance: f32) {
         self.depths.add(-distance);
         let near = &mut *self.near;
         if -distance <= self.deeper || near.n_points == near.n_room {
             return;
         }
-        if self.filled == LANES {
-            // The cells are no more than their room, so that neither is this.
+        let at = near.n_points % LANES;
+        if at == 0 {
             near.fours.push(NearFour::EMPTY);
-            self.filled = 0;
         }
-        let (Some(four), at) = (near.fours.last_mut(), self.filled) else {
+        let Some(four) = near.fours.last_mut() else {
             return;
         };
-        for (to, from) in four.weights.iter_mut().zip(block.weights) {
-            to[at] = from[k];
+        for (to, from) in four.positions.iter_mut().zip(position) {
+            to[at] = from;
         }
         for (to, from) in four.normals.iter_mut().zip(block.normals) {
             to[at] = from[k];
         }
         four.areas[at] = block.areas[k];
+        four.cells[at] = self.cell;
         four.places[at] = (block.first + k) as u32;
         four.ids[at] = block.ids[k];
-        self.filled += 1;
         near.n_points += 1;
     }
 }
 
-/// The farthest that a point of the shape moves between two poses \[mm\], from above.
+/// The farthest that a point moves \[mm\] that is tied to the shape and lies within the reach of contact: the way is longest at a corner
+/// of the box around those.
 fn way(shape: &RigidShape, from: &Pose, to: &Pose) -> f64 {
-    let bounds = &shape.bounds;
-    let reach = bounds.min.abs().sup(&bounds.max.abs()).norm();
-    let shift = (to.translation.vector - from.translation.vector).norm();
-    shift + reach * to.rotation.angle_to(&from.rotation)
+    let bounds = shape.bounds.grown(f64::from(reach_beyond(shape, true)));
+    let turn = |pose: &Pose| *pose.rotation.to_rotation_matrix().matrix();
+    let (turned, shift) = (
+        turn(to) - turn(from),
+        to.translation.vector - from.translation.vector,
+    );
+    let way2 = |k: usize| {
+        let corner = |axis: usize| [bounds.min, bounds.max][k >> axis & 1][axis];
+        (turned * Vec3::new(corner(0), corner(1), corner(2)) + shift).norm_squared()
+    };
+    (0..8).map(way2).fold(0.0, f64::max).sqrt()
 }
 
 /// How many points lie how deep, to know which to leave out.
@@ -304,17 +306,14 @@ impl Depths {
 #[derive(Clone, Debug)]
 struct NearCells {
     cells: Vec<u32>,
-    /// At a cell's number modulo their length, a cell and when it was last seen: of two cells at one place the earlier is forgotten
-    /// and may come twice.
-    seen: Vec<Seen>,
-    stamp: u32,
+    /// Places among the volumes of all that may come near while the shape moves by up to [`ABOUT`], ascending.
+    about: Vec<u32>,
+    /// Where the shape was then, and which boxes were hashed.
+    looked: Option<(Pose, u64)>,
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Seen {
-    cell: u32,
-    stamp: u32,
-}
+/// A shape may move by this \[mm\] before the hash is asked again for the cells about it: a trial step is at most 1 mm.
+const ABOUT: f32 = 1.5;
 
 /// A shape is looked up in this many slices along its longest axis, so that a slanted blade does not drag in the cells
 /// of the whole box around it.
@@ -326,36 +325,62 @@ impl NearCells {
     fn with_capacity(n_cells: usize) -> Self {
         Self {
             cells: Vec::with_capacity(n_cells),
-            seen: vec![Seen::default(); n_cells],
-            stamp: 0,
+            // The balls are larger than the volumes, and these are to be those of a while.
+            about: Vec::with_capacity(4 * n_cells),
+            looked: None,
         }
     }
 
     /// Finds the cells whose volumes may hold points near the shape, ascending.
-    fn find(&mut self, search: &Search, world_from_shape: &Pose) {
-        self.cells.clear();
-        self.next_stamp();
-        let (cells, places, stamp) = (&mut self.cells, &mut self.seen, self.stamp);
+    fn find<L: Lanes>(&mut self, search: &Search, world_from_shape: &Pose) {
         let (shape, volumes) = (search.shape, search.scene.volumes);
-        volumes_about(shape, world_from_shape, volumes, 0.0, |c, may_touch| {
-            let now = Seen { cell: c, stamp };
-            let place = c as usize % places.len().max(1);
-            let is_seen =
-                (places.get_mut(place)).is_some_and(|last| std::mem::replace(last, now) == now);
-            if !is_seen && cells.len() < cells.capacity() && may_touch() {
-                cells.push(c);
+        let serves = |(at, hash): &(Pose, u64)| {
+            *hash == volumes.hash_number()
+                && way(shape, at, world_from_shape) < f64::from(ABOUT - ROUNDING)
+        };
+        if !self.looked.as_ref().is_some_and(serves) {
+            let found_room = self.look_about::<L>(search, ABOUT);
+            self.looked = found_room.then_some((*world_from_shape, volumes.hash_number()));
+            if !found_room {
+                self.look_about::<L>(search, 0.0);
             }
-        });
-        cells.sort_unstable();
-        cells.dedup();
+        }
+        self.cells.clear();
+        for some in self.about.chunks(L::N) {
+            let volume = |place| volumes.at(place).map(|(_, volume)| volume);
+            let near = boxes_near::<L>(shape, &search.into, some, 0.0, volume);
+            let cells = set_bits(near).filter_map(|l| volumes.at(some[l]));
+            self.cells.extend(cells.map(|(cell, _)| cell));
+        }
     }
 
-    fn next_stamp(&mut self) {
-        self.stamp = self.stamp.wrapping_add(1);
-        if self.stamp == 0 {
-            self.seen.fill(Seen::default());
-            self.stamp = 1;
+    /// Looks through all cells for those about the shape: what is cheap for each is sooner done than a hash is asked for many. Whether
+    /// there was room for all.
+    fn look_about<L: Lanes>(&mut self, search: &Search, way: f32) -> bool {
+        self.about.clear();
+        let volumes = search.scene.volumes;
+        let (origin, reach) = (search.into.origin(), reach_beyond(search.shape, true));
+        for (first, balls) in (0..).step_by(LANES).zip(volumes.balls()) {
+            for at in (0..LANES).step_by(L::N) {
+                let [x, y, z, radius] = balls.numbers.each_ref().map(|n| L::load(n, at));
+                let [a, b, c] = origin.map(L::splat);
+                let centre = search.into.turned([x - a, y - b, z - c]);
+                let radius = radius + L::splat(way + ROUNDING);
+                let away = balls_away(search.shape, centre, radius, L::splat(reach));
+                let near = !L::bits(away) & ((1 << L::N) - 1);
+                for l in set_bits(near) {
+                    let place = first + (at + l) as u32;
+                    if place as usize >= volumes.len() {
+                        return true;
+                    }
+                    if self.about.len() == self.about.capacity() {
+                        return false;
+                    }
+                    self.about.push(place);
+                }
+            }
         }
+        true
     }
 }
 
@@ -368,34 +393,45 @@ pub fn cells_about(
     way: f32,
     mut visit: impl FnMut(u32),
 ) {
-    volumes_about(shape, world_from_shape, volumes, way, |c, may_touch| {
-        if may_touch() {
-            visit(c);
-        }
+    let into = IntoShape::new(world_from_shape);
+    for_slices(shape, world_from_shape, way, |slice| {
+        volumes.query(slice, |cell, volume| {
+            if boxes_near::<f32>(shape, &into, &[cell], way, |_| Some(volume)) != 0 {
+                visit(cell);
+            }
+        });
     });
 }
 
-/// Calls `visit` with each cell about the shape, and a closer test of whether it may hold near points.
-fn volumes_about(
-    shape: &RigidShape,
-    world_from_shape: &Pose,
-    volumes: &BoundingVolumes,
-    way: f32,
-    mut visit: impl FnMut(u32, &dyn Fn() -> bool),
-) {
-    let into = IntoShape::new(world_from_shape);
-    let reach = f64::from(way + reach_beyond(shape));
+/// Calls `visit` with boxes that hold all that may be near the shape once it has moved by `way` \[mm\].
+fn for_slices(shape: &RigidShape, world_from_shape: &Pose, way: f32, mut visit: impl FnMut(&Aabb)) {
+    let reach = f64::from(way + reach_beyond(shape, true));
     for slice in slices(&shape.bounds) {
-        let query = slice.moved(world_from_shape).grown(reach);
-        volumes.query(&query, |c, volume| {
-            let may_touch = || {
-                let centre = into.point(&volume.centre());
-                let radius = (0.5 * volume.extent().norm()) as f32;
-                !ball_is_away(shape, centre, radius + way + ROUNDING)
-            };
-            visit(c, &may_touch);
-        });
+        visit(&slice.moved(world_from_shape).grown(reach));
     }
+}
+
+/// Which of up to as many boxes as there are lanes may hold points near the shape once it has moved by `way` \[mm\], a bit each.
+fn boxes_near<'a, L: Lanes>(
+    shape: &RigidShape,
+    into: &IntoShape,
+    places: &[u32],
+    way: f32,
+    of: impl Fn(u32) -> Option<&'a Aabb>,
+) -> u32 {
+    let Some(first) = places.first() else {
+        return 0;
+    };
+    let [x, y, z, radius] = L::columns(|l| {
+        of(*places.get(l).unwrap_or(first)).map_or([f32::NAN; 4], |b| {
+            let [x, y, z] = into.way_to(&b.centre());
+            [x, y, z, (0.5 * b.extent().norm()) as f32]
+        })
+    });
+    let reach = L::splat(reach_beyond(shape, true));
+    let radius = radius + L::splat(way + ROUNDING);
+    let away = balls_away(shape, into.turned([x, y, z]), radius, reach);
+    !L::bits(away) & ((1 << places.len()) - 1)
 }
 
 /// The shape's box cut across its longest axis.
@@ -410,9 +446,9 @@ fn slices(bounds: &Aabb) -> [Aabb; SLICES] {
     })
 }
 
-/// How far outside a shape points matter \[mm\]: the margin, and what a thin blade shadows on its far side.
-fn reach_beyond(shape: &RigidShape) -> f32 {
-    let shadow = if shape.sided.is_some() {
+/// How far outside a shape points matter \[mm\]: the margin, and for those of walls what a thin blade shadows on its far side.
+fn reach_beyond(shape: &RigidShape, is_walled: bool) -> f32 {
+    let shadow = if shape.sided.is_some() && is_walled {
         SIDE_DEPTH as f32
     } else {
         0.0
@@ -420,24 +456,21 @@ fn reach_beyond(shape: &RigidShape) -> f32 {
     shadow + MARGIN
 }
 
-/// Whether no point of a ball can be near the shape.
-fn ball_is_away(shape: &RigidShape, centre: [f32; 3], radius: f32) -> bool {
-    balls_away(shape, centre, radius)
-}
-
-/// Which balls hold no point that can be near the shape.
-fn balls_away<L: Lanes>(shape: &RigidShape, centre: [L; 3], radius: L) -> L::Mask {
-    let radius = radius + L::splat(reach_beyond(shape));
+/// Which balls hold no point that can be near the shape; points matter within `reach` of it, but beside a blade's width and before
+/// its edge never beyond the margin.
+fn balls_away<L: Lanes>(shape: &RigidShape, centre: [L; 3], radius: L, reach: L) -> L::Mask {
+    let margin = L::splat(MARGIN);
     let zero = L::splat(0.0);
     let mut beside = zero.less(zero);
-    for (k, c) in centre.into_iter().enumerate() {
+    for (k, (c, reach)) in centre.into_iter().zip([margin, reach, margin]).enumerate() {
         let low = L::splat(shape.bounds.min[k] as f32 - ROUNDING);
         let high = L::splat(shape.bounds.max[k] as f32 + ROUNDING);
+        let radius = radius + reach;
         beside = beside | (c + radius).less(low) | high.less(c - radius);
     }
     // The distance to a convex body is convex, so that interpolation only ever adds to it, and only here does it mislead.
     let found = shape.field.look_up_in(centre, zero.at_least(zero));
-    let enough = radius + L::splat(shape.field.error_bound());
+    let enough = radius + reach + L::splat(shape.field.error_bound());
     beside | (found.known & enough.less(found.distance))
 }
 
@@ -449,9 +482,25 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn cell_is_away(&self, from_cell: &FromCell, overhang: f32) -> bool {
-        let (centre, radius) = from_cell.ball();
-        ball_is_away(self.shape, centre, (1.0 + 4.0 * overhang) * radius)
+    /// The ways from some cells to the shape, and which of them may hold near points, a bit each.
+    fn cells_near<L: Lanes>(&self, cells: &[u32]) -> ([FromCell; LANES], u32) {
+        let scene = self.scene;
+        let mut from_cells = [FromCell::NOWHERE; LANES];
+        for (from, cell) in from_cells.iter_mut().zip(cells) {
+            if let Some(d) = scene.deformation.get(*cell as usize) {
+                *from = self.into.cell::<L>(d);
+            }
+        }
+        let [x, y, z, radius] = L::columns(|l| {
+            let cell = cells.get(l).unwrap_or(&cells[0]);
+            from_cells[l].ball(scene.shell.overhang(*cell as usize))
+        });
+        let [reach, ..] = L::columns(|l| {
+            let cell = cells.get(l).unwrap_or(&cells[0]);
+            [reach_beyond(self.shape, scene.shell.is_walled(*cell as usize)); 4]
+        });
+        let away = balls_away(self.shape, [x, y, z], radius, reach);
+        (from_cells, !L::bits(away) & ((1 << cells.len()) - 1))
     }
 
     /// Calls `visit` with the blocks of a cell that may hold near points.
@@ -465,12 +514,13 @@ impl Search<'_> {
         let blocks = shell.blocks(cell);
         let lengths = from_cell.lengths().map(L::splat);
         for some in blocks.chunks(L::N) {
-            let of = |l: usize| some.get(l).unwrap_or(&some[0]).extent();
-            let centre = from_cell.places(L::columns(|l| of(l).centre));
-            let reach = L::columns(|l| of(l).reach);
+            let of = |l: usize| some.get(l).unwrap_or(&some[0]);
+            let centre = from_cell.places(L::columns(|l| of(l).extent().centre));
+            let reach = L::columns(|l| of(l).extent().reach);
             let radius = (reach[0] * lengths[0] + reach[1] * lengths[1])
                 + (reach[2] * lengths[2] + reach[3] * lengths[3]);
-            let away = balls_away(self.shape, centre, radius + L::splat(ROUNDING));
+            let [beyond, ..] = L::columns(|l| [reach_beyond(self.shape, of(l).is_walled()); 4]);
+            let away = balls_away(self.shape, centre, radius + L::splat(ROUNDING), beyond);
             let near = !L::bits(away) & ((1 << some.len()) - 1);
             for l in set_bits(near) {
                 if let Some(block) = shell.points_of(&some[l]) {
@@ -502,10 +552,14 @@ impl Search<'_> {
                 if near == 0 {
                     continue;
                 }
-                let mut distance = [0.0; LANES];
-                samples.distance.store(&mut distance, at);
+                let spread = |v: L| {
+                    let mut four = [0.0; LANES];
+                    v.store(&mut four, at);
+                    four
+                };
+                let ([x, y, z], distance) = (position.map(spread), spread(samples.distance));
                 for k in set_bits(near) {
-                    found.put(block, first + k, distance[k]);
+                    found.put(block, first + k, [x[k], y[k], z[k]], distance[k]);
                 }
             }
         }

@@ -34,7 +34,13 @@ impl NearPlaces {
     ) -> &NearPoints {
         let serves = |near: &NearPoints| near.serves(shape, world_from_shape, scene);
         let oldest = (0..N_PLACES).min_by_key(|k| self.used[*k]).unwrap_or(0);
-        let place = self.places.iter().position(serves).unwrap_or(oldest);
+        let serving = self.places.iter().position(serves);
+        let place = serving.unwrap_or(oldest);
+        if serving.is_none()
+            && let Ok([near, last]) = self.places.get_disjoint_mut([place, self.last])
+        {
+            near.take_cells(last);
+        }
         self.used[place] = self.used[self.last] + 1;
         self.last = place;
         let near = &mut self.places[place];

@@ -89,6 +89,8 @@ pub struct PointShell {
     first_block: Vec<u32>,
     blocks: Vec<Block>,
     overhang: Vec<f32>,
+    /// Which cells hold points of walls.
+    walled: Vec<bool>,
     ids: Vec<u32>,
     /// Some numbers longer than the others, so that the last can be read four at a time.
     weights: [Vec<f32>; 4],
@@ -108,9 +110,15 @@ pub(super) struct Block {
     first: u32,
     len: u32,
     extent: BlockExtent,
+    is_walled: bool,
 }
 
 impl Block {
+    /// Whether it holds points of walls.
+    pub fn is_walled(&self) -> bool {
+        self.is_walled
+    }
+
     pub fn extent(&self) -> &BlockExtent {
         &self.extent
     }
@@ -192,7 +200,9 @@ impl PointShell {
                 first: b.first - points.start as u32 + moved,
                 ..*b
             }));
-        self.overhang.extend_from_slice(&other.overhang[cells]);
+        self.overhang
+            .extend_from_slice(&other.overhang[cells.clone()]);
+        self.walled.extend_from_slice(&other.walled[cells]);
         self.ids.extend_from_slice(&other.ids[points.clone()]);
         for (own, other) in self.weights.iter_mut().zip(&other.weights) {
             own.extend_from_slice(&other[points.clone()]);
@@ -212,17 +222,20 @@ impl PointShell {
             let n = members.partition_point(|m| m.0 as usize <= cell);
             let (own, rest) = members.split_at(n);
             members = rest;
+            let is_wall = |m: &(u32, u32)| points.get(m.1).origin != PointOrigin::Surface;
             for block in own.chunks(BLOCK) {
                 let weights = block.iter().map(|m| &points.get(m.1).weights);
                 self.blocks.push(Block {
                     first: self.ids.len() as u32,
                     len: block.len() as u32,
                     extent: BlockExtent::around(weights),
+                    is_walled: block.iter().any(is_wall),
                 });
                 block.iter().for_each(|m| self.push_point(points, m.1));
             }
             let least = own.iter().flat_map(|m| points.get(m.1).weights);
             self.overhang.push(-least.fold(0.0f32, f32::min));
+            self.walled.push(own.iter().any(is_wall));
             self.first_block.push(self.blocks.len() as u32);
         }
     }
@@ -262,6 +275,11 @@ impl PointShell {
     /// lie outside their tetrahedron, inside its copy enlarged about its centroid by 1 + 4 times this.
     pub fn overhang(&self, c: usize) -> f32 {
         self.overhang.get(c).copied().unwrap_or(0.0)
+    }
+
+    /// Whether cell `c` holds points of walls.
+    pub(super) fn is_walled(&self, c: usize) -> bool {
+        self.walled.get(c).is_some_and(|w| *w)
     }
 
     /// How many points take part.

@@ -49,39 +49,34 @@ pub struct Contact {
 pub fn penetrations(
     shape: &RigidShape,
     world_from_shape: &Pose,
-    scene: &ContactScene,
     near: &NearPoints,
     contacts: &mut Vec<Contact>,
 ) {
-    penetrations_in::<f32x4>(shape, world_from_shape, scene, near, contacts);
+    penetrations_in::<f32x4>(shape, world_from_shape, near, contacts);
 }
 
 /// As [`penetrations`], with so many points at a time.
 pub fn penetrations_in<L: Lanes>(
     shape: &RigidShape,
     world_from_shape: &Pose,
-    scene: &ContactScene,
     near: &NearPoints,
     contacts: &mut Vec<Contact>,
 ) {
     contacts.clear();
+    let Some(found_at) = near.found_at() else {
+        return;
+    };
     let into = IntoShape::new(world_from_shape);
-    for group in near.groups() {
-        let Some(d) = scene.deformation.get(group.cell as usize) else {
-            continue;
-        };
-        let from_cell = into.cell::<L>(d);
-        for points in near.points(group) {
-            for at in (0..LANES).step_by(L::N) {
-                let ([a, b, c, d], [x, y, z]) = (&points.weights, &points.normals);
-                let position = from_cell.place::<L>([a, b, c, d], at);
-                let facing = into.facing::<L>(shape, [x, y, z], at);
-                let found = shape.inside(position, facing);
-                let hits = L::bits(found.distance.less(L::splat(0.0)));
-                if hits != 0 {
-                    let hits = hits << at;
-                    keep::<L>(group.cell, points, at, hits, position, &found, contacts);
-                }
+    let moved = into.moved(found_at);
+    for points in near.fours() {
+        for at in (0..LANES).step_by(L::N) {
+            let [x, y, z] = points.positions.each_ref().map(|p| L::load(p, at));
+            let position = moved.place([x, y, z]);
+            let facing = into.facing::<L>(shape, points.normals.each_ref(), at);
+            let found = shape.inside(position, facing);
+            let hits = L::bits(found.distance.less(L::splat(0.0)));
+            if hits != 0 {
+                keep::<L>(points, at, hits << at, position, &found, contacts);
             }
         }
     }
@@ -89,7 +84,6 @@ pub fn penetrations_in<L: Lanes>(
 
 /// Appends the contacts of the places in `hits`, while there is room.
 fn keep<L: Lanes>(
-    cell: u32,
     points: &NearFour,
     at: usize,
     hits: u32,
@@ -112,7 +106,7 @@ fn keep<L: Lanes>(
         }
         let position = [x[k], y[k], z[k]];
         contacts.push(Contact {
-            cell,
+            cell: points.cells[k],
             place: points.places[k],
             id: points.ids[k],
             area: points.areas[k],
@@ -129,14 +123,34 @@ fn keep<L: Lanes>(
 pub(super) struct IntoShape {
     /// Of the rotation.
     rows: [[f32; 3]; 3],
+    exact: [[f64; 3]; 3],
     origin: Vec3,
+}
+
+/// A rigid motion.
+struct Moved {
+    rows: [[f32; 3]; 3],
+    shift: [f32; 3],
+}
+
+impl Moved {
+    #[inline]
+    fn place<L: Lanes>(&self, [x, y, z]: [L; 3]) -> [L; 3] {
+        [0, 1, 2].map(|k| {
+            let r = &self.rows[k];
+            (L::splat(r[0]) * x + L::splat(r[1]) * y)
+                + (L::splat(r[2]) * z + L::splat(self.shift[k]))
+        })
+    }
 }
 
 impl IntoShape {
     pub fn new(world_from_shape: &Pose) -> Self {
         let turn = world_from_shape.rotation.to_rotation_matrix();
+        let exact = [0, 1, 2].map(|r| [0, 1, 2].map(|k| turn[(k, r)]));
         Self {
-            rows: [0, 1, 2].map(|r| [0, 1, 2].map(|k| turn[(k, r)] as f32)),
+            rows: exact.map(|r| r.map(|v| v as f32)),
+            exact,
             origin: world_from_shape.translation.vector,
         }
     }
@@ -162,10 +176,33 @@ impl IntoShape {
         FromCell([row(a), row(b), row(c)])
     }
 
-    /// A place of the world.
-    pub fn point(&self, p: &Vec3) -> [f32; 3] {
-        let [x, y, z] = [0, 1, 2].map(|k| (p[k] - self.origin[k]) as f32);
-        self.rows.map(|r| r[0] * x + r[1] * y + r[2] * z)
+    /// The shape's.
+    pub fn origin(&self) -> [f32; 3] {
+        [0, 1, 2].map(|k| self.origin[k] as f32)
+    }
+
+    /// The way from the shape's origin to a place, in the world's axes.
+    pub fn way_to(&self, p: &Vec3) -> [f32; 3] {
+        [0, 1, 2].map(|k| (p[k] - self.origin[k]) as f32)
+    }
+
+    /// Ways in the world's axes in those of the shape.
+    pub fn turned<L: Lanes>(&self, [x, y, z]: [L; 3]) -> [L; 3] {
+        self.rows
+            .map(|r| L::splat(r[0]) * x + L::splat(r[1]) * y + L::splat(r[2]) * z)
+    }
+
+    /// Takes places in the shape's frame as it stood at `before` to its frame now.
+    fn moved(&self, before: &Pose) -> Moved {
+        let turn = before.rotation.to_rotation_matrix();
+        let shift = before.translation.vector - self.origin;
+        let row = |r: &[f64; 3], k: usize| (0..3).map(|i| r[i] * turn[(i, k)]).sum::<f64>() as f32;
+        Moved {
+            rows: self.exact.each_ref().map(|r| [0, 1, 2].map(|k| row(r, k))),
+            shift: self
+                .exact
+                .map(|r| (0..3).map(|i| r[i] * shift[i]).sum::<f64>() as f32),
+        }
     }
 
     /// How much walls look to a blade's +y.
@@ -187,9 +224,13 @@ impl IntoShape {
 }
 
 /// Takes shape functions of a cell straight to a shape's frame: a row an axis, a column a node.
+#[derive(Clone, Copy)]
 pub(super) struct FromCell([[f32; LANES]; 3]);
 
 impl FromCell {
+    /// Takes all points nowhere.
+    pub const NOWHERE: Self = Self([[f32::NAN; LANES]; 3]);
+
     /// Where points with these shape functions are.
     #[inline]
     pub fn place<L: Lanes>(&self, weights: [&[f32; LANES]; 4], at: usize) -> [L; 3] {
@@ -210,16 +251,15 @@ impl FromCell {
         [along(x), along(y), along(z)]
     }
 
-    /// The node in the middle of the others, and how far the farthest is from there.
-    pub fn ball(&self) -> ([f32; 3], f32) {
-        let centre = self.0.map(|row| 0.25 * row.iter().sum::<f32>());
+    /// Centre and radius of a ball about all points that reach out of the cell by `overhang`.
+    pub fn ball(&self, overhang: f32) -> [f32; 4] {
+        let [x, y, z] = self.0.map(|row| 0.25 * row.iter().sum::<f32>());
         let away = |k: usize| {
-            (0..3)
-                .map(|r| (self.0[r][k] - centre[r]).powi(2))
-                .sum::<f32>()
+            let [a, b, c] = [self.0[0][k] - x, self.0[1][k] - y, self.0[2][k] - z];
+            a * a + b * b + c * c
         };
         let radius2 = (0..4).map(away).fold(0.0, f32::max);
-        (centre, radius2.sqrt())
+        [x, y, z, (1.0 + 4.0 * overhang) * radius2.sqrt()]
     }
 
     /// Lengths of the edges from the first node to each.

@@ -1,3 +1,4 @@
+use super::near::TURN;
 use crate::geometry::{Aabb, DistanceGrid, DistanceSample, DistanceSamples, Lanes, Vec3};
 
 /// A point on a rigid shape's surface that stands for a patch of it.
@@ -98,8 +99,10 @@ impl RigidShape {
         margin: f32,
     ) -> Option<DistanceSamples<L>> {
         let [right, left] = self.sided.as_ref()?;
-        let to_right = L::splat(SIDE_COSINE).less(facing);
-        let to_left = facing.less(L::splat(-SIDE_COSINE));
+        // With a margin, also walls that would look at a side once the shape has turned.
+        let cosine = SIDE_COSINE - if margin > 0.0 { TURN } else { 0.0 };
+        let to_right = L::splat(cosine).less(facing);
+        let to_left = facing.less(L::splat(-cosine));
         if L::bits(to_right | to_left) == 0 {
             return None;
         }

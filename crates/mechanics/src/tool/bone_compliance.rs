@@ -21,10 +21,14 @@ pub struct BoneCompliance {
     pub load: [Wrench; 2],
 }
 
-/// Farther than this \[mm\] a patch is not carried within one state of the bone, nor turned by more than [`FARTHEST_TURN`].
+/// Under the wrenches with which a solve begins a patch is not carried farther than this \[mm\] from the bone's state, nor turned by more
+/// than [`FARTHEST_TURN`]: beyond, as in a fragment just broken off, the bone counts as stiffer than it is. It stays a spring by that; a
+/// motion cut off at the limit would have no energy, and no trial of a solve would seem to pay.
 const FARTHEST: f64 = 2.0;
 /// \[rad\]
 const FARTHEST_TURN: f64 = 0.1;
+/// Times that is tried, each for both patches.
+const STIFFENINGS: usize = 4;
 /// Steps of the chord method, at most; two are usual.
 const ITERATIONS: usize = 6;
 /// A patch that moves less than this in a step has arrived \[mm, rad\].
@@ -62,6 +66,8 @@ impl Held {
 pub(super) struct Carried {
     matrix: Matrix12,
     series: Option<Series>,
+    /// w_0, about the tools' origins.
+    load: Vector12,
     /// Motion under no wrench at all, negative: C w_0.
     from_load: Vector12,
     /// w_0 . C w_0.
@@ -112,18 +118,42 @@ impl BoneCompliance {
             let mut block = lever.fixed_view_mut::<3, 3>(6 * t, 6 * t + 3);
             block.copy_from(&-arm.cross_matrix());
         }
-        let load = both(&self.load);
-        let moved = self.matrix * load;
-        Carried {
-            matrix: lever * self.matrix * lever.transpose(),
-            series: None,
-            from_load: lever * moved,
-            load_work: load.dot(&moved),
-        }
+        // Back with the inverse of the lever: the same with the arms the other way.
+        let load = (2.0 * Matrix12::identity() - lever).transpose() * both(&self.load);
+        Carried::new(lever * self.matrix * lever.transpose(), load)
     }
 }
 
 impl Carried {
+    fn new(matrix: Matrix12, load: Vector12) -> Self {
+        let from_load = matrix * load;
+        Self {
+            matrix,
+            series: None,
+            load,
+            from_load,
+            load_work: load.dot(&from_load),
+        }
+    }
+
+    /// Makes the bone stiffer under each tool until these wrenches move no patch too far.
+    fn stiffen(&mut self, wrenches: &Vector12) {
+        for _ in 0..STIFFENINGS {
+            let motion = self.motion(wrenches);
+            let excess = |t: usize| {
+                let length = |row: usize| motion.fixed_rows::<3>(6 * t + row).norm();
+                (length(0) / FARTHEST).max(length(3) / FARTHEST_TURN)
+            };
+            let excess = [excess(0), excess(1)];
+            if excess.iter().all(|e| *e <= 1.0) {
+                return;
+            }
+            let share = Vector12::from_fn(|i, _| excess[i / 6].max(1.0).sqrt().recip());
+            let share = Matrix12::from_diagonal(&share);
+            *self = Self::new(share * self.matrix * share, self.load);
+        }
+    }
+
     /// Sees to it that the series is that of couplings of stiffness `k`, nearly enough.
     fn prepare(&mut self, k: &Matrix12) -> Option<&Series> {
         if !self.series.as_ref().is_some_and(|s| s.serves(k)) {
@@ -134,32 +164,21 @@ impl Carried {
 
     /// How far the patches have moved under these wrenches of the couplings.
     fn motion(&self, wrenches: &Vector12) -> Vector12 {
-        let mut motion = self.matrix * wrenches - self.from_load;
-        for t in 0..2 {
-            let mut limit = |row: usize, farthest: f64| {
-                let mut part = motion.fixed_rows_mut::<3>(6 * t + row);
-                let length = part.norm();
-                if length > farthest {
-                    part *= farthest / length;
-                }
-            };
-            limit(0, FARTHEST);
-            limit(3, FARTHEST_TURN);
-        }
-        motion
+        self.matrix * wrenches - self.from_load
     }
 
-    /// The relative poses of tools that are truly at `poses`.
-    ///
-    /// With the motion of the patches.
+    /// The relative poses of tools that are truly at `poses`, with the motion of the patches. A solve begins with this: see
+    /// [`FARTHEST`].
     pub fn relative(
-        &self,
+        &mut self,
         model: &ToolModel,
         devices: &[Pose; 2],
         poses: &[Pose; 2],
     ) -> ([Pose; 2], Vector12) {
         let couplings = [0, 1].map(|t| model.tools[t].coupling.respond(&devices[t], &poses[t]));
-        let motion = self.motion(&wrenches(&couplings));
+        let pull = wrenches(&couplings);
+        self.stiffen(&pull);
+        let motion = self.motion(&pull);
         let back = |t: usize| shifted(&poses[t], &-part(&motion, t));
         ([back(0), back(1)], motion)
     }
@@ -300,12 +319,29 @@ mod tests {
         [0, 1].map(|t| shifted(&start[t], &part(step, t)))
     }
 
-    /// The motion follows from the wrench, energy from neither: wrench = -dE/dr and stiffness = -d(wrench)/dr hold together only
-    /// if the patches are in balance. Rotations do not commute, hence the tolerances.
     #[test]
     fn series_of_coupling_and_bone_is_consistent() {
-        let (model, bone, devices) = (model(), compliance(), poses(1));
-        let carried = bone.carried_to(&poses(3));
+        check_series(compliance().carried_to(&poses(3)));
+    }
+
+    /// Of a fragment just broken off: under the hands' pull at the start it would fly away.
+    #[test]
+    fn a_bone_too_soft_to_be_carried_is_a_stiffer_spring() {
+        let mut bone = compliance();
+        bone.matrix *= 30.0;
+        let mut carried = bone.carried_to(&poses(3));
+        let (_, motion) = carried.relative(&model(), &poses(1), &poses(3));
+        let length = |row: usize| motion.fixed_rows::<3>(row).norm();
+        let reach = [0, 3, 6, 9].map(|row| length(row) / [FARTHEST, FARTHEST_TURN][row / 3 % 2]);
+        let farthest = reach.into_iter().fold(0.0, f64::max);
+        assert!(farthest > 0.5 && farthest < 1.2, "{reach:?} of the limits");
+        check_series(carried);
+    }
+
+    /// The motion follows from the wrench, energy from neither: wrench = -dE/dr and stiffness = -d(wrench)/dr hold together only
+    /// if the patches are in balance. Rotations do not commute, hence the tolerances.
+    fn check_series(carried: Carried) {
+        let (model, devices) = (model(), poses(1));
         let at = |step: &Vector12| {
             let (none, mut carried) = (Vector12::zeros(), carried);
             hold(&model, &devices, &relative(step), Some(&mut carried), &none)

@@ -35,6 +35,9 @@ pub struct SolveSettings {
     pub max_iterations: usize,
     /// Longest step of a tool in one iteration \[mm\]: translation and scaled rotation together.
     pub max_step: f64,
+    /// Whether a solve that was cut short is gone on with: the next begins with steps of at most twice the length that this one had
+    /// come to, instead of trying again what was refused.
+    pub goes_on: bool,
     /// What turns an angle into a length \[mm\]: 1 rad counts as much as this.
     pub characteristic_length: f64,
     /// At rest if the force (and torque over the characteristic length) left over is below this share of the coupling's.
@@ -51,6 +54,7 @@ impl SolveSettings {
     pub const HAPTIC: Self = Self {
         max_iterations: 5,
         max_step: 1.0,
+        goes_on: true,
         characteristic_length: 10.0,
         tolerance: 1e-3,
         force_floor: 0.05,
@@ -59,6 +63,7 @@ impl SolveSettings {
     /// For the main loop: to convergence.
     pub const MAIN: Self = Self {
         max_iterations: 30,
+        goes_on: false,
         tolerance: 2e-4,
         force_floor: 0.01,
         points_for_two_threads: 1024,
@@ -158,6 +163,8 @@ pub struct ToolScratch {
     trial: [Evaluation; 2],
     held: Held,
     pair: PairResponse,
+    /// How long steps the last solve had come to \[mm\]; infinite if it came to rest.
+    radius: [f64; 2],
     forces: Vec<PointForce>,
 }
 
@@ -186,7 +193,7 @@ impl Evaluation {
             Some(near) => near,
             None => own.follow(shape, pose, scene),
         };
-        penetrations(shape, pose, scene, near, &mut self.contacts);
+        penetrations(shape, pose, near, &mut self.contacts);
         self.response = respond(&mut self.contacts, &model.law, &input.anchors[t], pose);
         near.n_dropped()
     }
@@ -208,6 +215,7 @@ impl ToolScratch {
             trial: [evaluation(), evaluation()],
             held: Held::none(),
             pair: PairResponse::NONE,
+            radius: [f64::INFINITY; 2],
             forces: Vec::with_capacity(2 * limits.n_contacts),
         }
     }
@@ -261,9 +269,19 @@ pub fn solve_tools(
 ) -> ToolsResult {
     let mut solve = Solve::start(model, settings, input, state, scratch);
     let mut iterations = 0;
-    while iterations < settings.max_iterations && solve.advance() {
+    let mut is_cut_short = true;
+    while iterations < settings.max_iterations {
+        if !solve.advance() {
+            is_cut_short = false;
+            break;
+        }
         iterations += 1;
     }
+    solve.scratch.radius = if is_cut_short {
+        solve.radius
+    } else {
+        [f64::INFINITY; 2]
+    };
     state.poses = solve.scratch.held.poses;
     solve.result(iterations)
 }
@@ -296,15 +314,20 @@ impl<'a> Solve<'a> {
         state: &ToolsState,
         scratch: &'a mut ToolScratch,
     ) -> Self {
+        let radius = if settings.goes_on {
+            scratch.radius.map(|r| (2.0 * r).min(settings.max_step))
+        } else {
+            [settings.max_step; 2]
+        };
         let mut solve = Self {
             model,
             settings,
             input,
             scratch,
-            radius: [settings.max_step; 2],
+            radius,
             bone: input.compliance.map(|c| c.carried_to(&state.poses)),
         };
-        let (relative, motion) = match &solve.bone {
+        let (relative, motion) = match &mut solve.bone {
             Some(bone) => bone.relative(model, input.devices, &state.poses),
             None => (state.poses, Vector12::zeros()),
         };

@@ -175,7 +175,7 @@ fn query<L: Lanes>(
     for t in 0..2 {
         let (shape, pose) = (&model.tools[t].shape, &poses[t]);
         near[t].follow_in::<L>(shape, pose, scene);
-        penetrations_in::<L>(shape, pose, scene, &near[t], &mut found[t]);
+        penetrations_in::<L>(shape, pose, &near[t], &mut found[t]);
     }
 }
 
