@@ -115,6 +115,7 @@ fn spacenavd(daemon: &Path, folder: &Path) -> Child {
 }
 
 #[test]
+#[allow(clippy::print_stderr)]
 fn the_real_daemon_is_connected_to_and_may_restart() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
