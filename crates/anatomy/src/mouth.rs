@@ -18,8 +18,6 @@ const LIP: f64 = 4.5;
 const MOUTH: [f64; 2] = [32.0, 62.0];
 /// The lips lie before the incisors by so much; so much further back at the pulled corner \[mm at scale 1\].
 const LIPS: [f64; 2] = [13.0, 35.0];
-/// Half of the open mouth above and below the incisors, and how far the retractor lifts the corner that it pulls \[mm at scale 1\].
-const HEIGHT: [f64; 2] = [8.0, 10.0];
 /// Half of the retractor's blade: thickness, width, length \[mm at scale 1\].
 const BLADE: Vec3 = Vec3::new(1.2, 11.0, 36.0);
 /// Between the blade's inner end and the cheek's side of the ramus \[mm at scale 1\].
@@ -164,16 +162,15 @@ impl Lips {
         let [low, high] = jaw.incisors;
         let (middle, up) = (0.5 * (low + high), (high - low).normalize());
         let forward = Vec3::x().cross(&up);
-        let half_height = 0.5 * (high - low).norm() + HEIGHT[0] * scale;
+        let half_height = 0.5 * (high - low).norm() + 7.0 * scale;
         let at = |k: u32| {
             let angle = f64::from(k) / f64::from(Self::ROUND) * std::f64::consts::TAU;
             let (sin, cos) = angle.sin_cos();
             let out = cos * side.sign();
             let x = cos * scale * if out > 0.0 { MOUTH[1] } else { MOUTH[0] };
             let back = (x / (scale * MOUTH[1])).powi(2);
-            let lifted = scale * HEIGHT[1] * out.max(0.0).powi(2);
             let before = scale * (LIPS[0] - LIPS[1] * back);
-            middle + Vec3::x() * x + up * (half_height * sin + lifted) + forward * before
+            middle + Vec3::x() * x + up * (half_height * sin) + forward * before
         };
         Self {
             ring: (0..Self::ROUND).map(at).collect(),
