@@ -6,6 +6,7 @@ use crate::error::AnatomyError;
 use crate::mesher;
 use crate::osteotomy::Side;
 use crate::parametric::{Parameters, ParametricMandible, polygon_distance, rounded, smooth_union};
+use crate::teeth::Crown;
 use osteotome_mechanics::geometry::{Aabb, SignedDistance, TriMesh, Vec3};
 
 /// Fineness of the surfaces \[mm\].
@@ -63,7 +64,7 @@ impl UpperJaw {
             chin_deviation: 0.0,
             ..*mandible.parameters()
         })?;
-        let tips: Vec<Vec3> = lower.teeth().iter().map(|c| c.tip()).collect();
+        let tips: Vec<Vec3> = lower.teeth().iter().map(Crown::tip).collect();
         let (front, back) = (tips[0], tips[tips.len() / 2 - 1]);
         let rise = (back.z - front.z) / (back.y - front.y);
         let normal = Vec3::new(0.0, -rise, 1.0).normalize();
