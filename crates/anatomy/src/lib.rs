@@ -5,6 +5,7 @@
 //! panics on a file. Frame everywhere: mm, LPS (x = patient left, y = posterior, z = superior).
 pub mod canal;
 pub mod canal_label;
+pub mod cortex;
 pub mod density;
 pub mod deviation;
 pub mod diagnosis;
@@ -19,6 +20,7 @@ pub mod landmarks;
 pub mod lattice;
 pub mod materials;
 pub mod mesher;
+pub mod mouth;
 pub mod msh;
 pub mod nifti;
 pub mod nrrd;
@@ -40,6 +42,7 @@ pub mod vtu;
 pub mod winding;
 
 pub use canal::Canal;
+pub use cortex::CorticalRegions;
 pub use error::AnatomyError;
 pub use focus::Focus;
 pub use folder::PatientFolder;

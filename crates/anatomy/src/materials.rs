@@ -1,4 +1,5 @@
 //! Cortical bone, trabecular bone and teeth, mixed in each tetrahedron by how much of it lies how deep.
+use crate::cortex::CorticalRegions;
 use crate::density::Density;
 use crate::error::{AnatomyError, in_range};
 use crate::landmarks::JawFrame;
@@ -34,6 +35,8 @@ pub struct MaterialSpec {
     pub teeth: Tissue,
     /// Thickness of the outer layer \[mm\].
     pub cortical_thickness: f64,
+    /// Its thickness by region, in place of that.
+    pub cortical_regions: Option<CorticalRegions>,
 }
 
 impl Default for MaterialSpec {
@@ -57,6 +60,7 @@ impl Default for MaterialSpec {
                 toughness: [0.5, 2.0],
             },
             cortical_thickness: 2.2,
+            cortical_regions: None,
         }
     }
 }
@@ -92,6 +96,7 @@ impl MaterialSpec {
                 source,
             })?;
         }
+        self.cortical_regions.map_or(Ok(()), |r| r.check())?;
         in_range(
             "material.cortical_thickness",
             self.cortical_thickness,
@@ -123,7 +128,7 @@ impl MaterialSpec {
             let corners = mesh.corners(t);
             let by_density = |p: &Vec3| density.and_then(|d| d.modulus(p));
             let ([cortical, trabecular, tooth], seen) =
-                self.shares(&corners, surface, teeth, &samples, &by_density);
+                self.shares(&corners, surface, frame, teeth, &samples, &by_density);
             let mix = |f: fn(&Tissue) -> f64| {
                 cortical * f(&self.cortical)
                     + trabecular * f(&self.trabecular)
@@ -171,6 +176,7 @@ impl MaterialSpec {
         &self,
         corners: &[Vec3; 4],
         surface: &MeshDistance,
+        frame: &JawFrame,
         teeth: &[&dyn ToothBody],
         samples: &[[f64; 4]],
         modulus: &dyn Fn(&Vec3) -> Option<f64>,
@@ -188,7 +194,10 @@ impl MaterialSpec {
             let tissue = if near.iter().any(|c| c.signed(&p) < 0.0) {
                 2
             } else {
-                usize::from(surface.signed(&p) <= -self.cortical_thickness)
+                let regions = self.cortical_regions;
+                let thickness = regions.map(|r| r.at(&p, surface, frame));
+                let thickness = thickness.unwrap_or(self.cortical_thickness);
+                usize::from(surface.signed(&p) <= -thickness)
             };
             count[tissue] += 1;
             let known = if tissue == 2 { None } else { modulus(&p) };

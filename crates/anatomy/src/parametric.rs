@@ -31,6 +31,9 @@ pub struct Parameters {
     pub condyle_distance: f64,
     /// How far the chin deviates to the patient's left \[mm at scale 1\], -8 to 8; all before the condyles is sheared with it.
     pub chin_deviation: f64,
+    /// How far the mouth is open between the incisors \[mm\], 30 to 60, with maxilla, upper teeth, lips and retractor around the jaw
+    /// that tools touch ([`crate::mouth`]); 0: none of them.
+    pub mouth_opening: f64,
 }
 
 impl Default for Parameters {
@@ -44,6 +47,7 @@ impl Default for Parameters {
             body_breadth: 12.5,
             condyle_distance: 101.0,
             chin_deviation: 0.0,
+            mouth_opening: 0.0,
         }
     }
 }
@@ -67,7 +71,11 @@ impl Parameters {
         for (name, value, low, high) in ranges {
             in_range(&format!("patient.parametric.{name}"), value, low, high)?;
         }
-        Ok(())
+        if self.mouth_opening == 0.0 {
+            return Ok(());
+        }
+        let key = "patient.parametric.mouth_opening";
+        in_range(key, self.mouth_opening, 30.0, 60.0)
     }
 }
 
@@ -203,6 +211,22 @@ impl ParametricMandible {
     pub fn signed_with_teeth(&self, p: &Vec3) -> f64 {
         let crowns = self.teeth.iter().map(|c| c.signed(p));
         crowns.fold(self.signed(p), f64::min)
+    }
+
+    /// Signed distance to the alveolar process alone, if the chin does not deviate \[mm\].
+    pub(crate) fn alveolar_process(&self, p: &Vec3) -> f64 {
+        let scale = self.parameters.scale;
+        let p = p / scale;
+        scale * Self::strip(&self.alveolar, p.x.abs(), &p)
+    }
+
+    /// What the dental arch encloses, seen from above: x, y \[mm\].
+    pub(crate) fn arch_outline(&self) -> Vec<[f64; 2]> {
+        let scaled = |[x, y]: [f64; 2]| [x, y].map(|c| c * self.parameters.scale);
+        let left = self.alveolar.iter().map(|q| q.at);
+        let right = left.clone().skip(1).map(|[x, y]| [-x, y]);
+        let right: Vec<[f64; 2]> = right.collect();
+        right.into_iter().rev().chain(left).map(scaled).collect()
     }
 
     fn make_arch(&self) -> Vec<ArchPoint> {
@@ -754,7 +778,7 @@ fn smoothstep(low: f64, high: f64, x: f64) -> f64 {
 }
 
 /// Intersection of two half spaces at distances `a` and `b`, its edge rounded with radius `r`.
-fn rounded(a: f64, b: f64, r: f64) -> f64 {
+pub(crate) fn rounded(a: f64, b: f64, r: f64) -> f64 {
     let (a, b) = (a + r, b + r);
     a.max(b).min(0.0) + a.max(0.0).hypot(b.max(0.0)) - r
 }
@@ -771,13 +795,13 @@ fn ellipsoid(d: &Vec3, half_axes: &Vec3) -> f64 {
 }
 
 /// Union with a fillet about `k` wide (polynomial smooth minimum).
-fn smooth_union(a: f64, b: f64, k: f64) -> f64 {
+pub(crate) fn smooth_union(a: f64, b: f64, k: f64) -> f64 {
     let h = (k - (a - b).abs()).max(0.0) / k;
     a.min(b) - 0.25 * k * h * h
 }
 
 /// Signed distance to a closed polygon, negative inside.
-fn polygon_distance(polygon: &[[f64; 2]], p: [f64; 2]) -> f64 {
+pub(crate) fn polygon_distance(polygon: &[[f64; 2]], p: [f64; 2]) -> f64 {
     let mut best = f64::INFINITY;
     let mut inside = false;
     let mut a = polygon[polygon.len() - 1];

@@ -7,6 +7,7 @@ use crate::input::read_surface;
 use crate::landmarks::{JawFrame, Landmarks};
 use crate::materials::MaterialSpec;
 use crate::mesher::{self, Body};
+use crate::mouth;
 use crate::msh::read_msh;
 use crate::osteotomy::{DEFAULT_KERF, Osteotomy, PointSpec, Side, Technique, read_osteotomy};
 use crate::parametric::{Parameters, ParametricMandible};
@@ -194,6 +195,14 @@ impl Patient {
                 .collect();
             toothed_point_shell(&distance, &teeth, spec.shell_points)?
         };
+        let context = match (&bone.parametric, bone.folder) {
+            (Some(jaw), _) if jaw.parameters().mouth_opening > 0.0 => {
+                let note = "what stands around the jaw is schematic, not a patient's";
+                bone.constructed.push(note.to_owned());
+                mouth::around(jaw, osteotomy.side)?
+            }
+            (_, folder) => folder.map(|f| f.context).unwrap_or_default(),
+        };
         progress("patient", 1.0);
         Ok(Self {
             name: bone.name,
@@ -201,7 +210,7 @@ impl Patient {
             notes: bone.surface.notes,
             surface: bone.surface.mesh,
             teeth: teeth.into_iter().map(|(tooth, _)| tooth).collect(),
-            context: bone.folder.map(|f| f.context).unwrap_or_default(),
+            context,
             mesh,
             materials,
             shell,

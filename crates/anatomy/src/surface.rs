@@ -45,6 +45,43 @@ impl ClosedSurface {
         }
         Ok(Self { mesh, notes })
     }
+
+    /// Likewise of a surface that may have several pieces, such as a row of teeth: up to 64 all stay but those that enclose nothing, of
+    /// more the largest.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn of_pieces(mesh: TriMesh, name: &str) -> Result<Self, AnatomyError> {
+        const MOST: usize = 64;
+        check_numbers(&mesh, name)?;
+        check_edges(&mesh, name)?;
+        if n_pieces(&mesh) > MOST {
+            return Self::new(mesh, name);
+        }
+        let mut all = Self {
+            mesh: TriMesh::default(),
+            notes: Vec::new(),
+        };
+        let mut flat = None;
+        for piece in split_pieces(&mesh) {
+            match Self::new(piece, name) {
+                Ok(one) => {
+                    all.mesh.append(&one.mesh);
+                    all.notes.extend(one.notes);
+                }
+                Err(error @ AnatomyError::NoVolume { .. }) => flat = Some(error),
+                Err(error) => return Err(error),
+            }
+        }
+        match flat {
+            Some(error) if all.mesh.triangles.is_empty() => return Err(error),
+            Some(_) => all
+                .notes
+                .push(format!("{name}: pieces without volume were left out")),
+            None => {}
+        }
+        Ok(all)
+    }
 }
 
 fn check_numbers(mesh: &TriMesh, name: &str) -> Result<(), AnatomyError> {
@@ -297,6 +334,25 @@ pub(crate) mod tests {
         flipped.triangles.iter_mut().for_each(|t| t.swap(0, 1));
         let mended = ClosedSurface::new(flipped, "jaw").unwrap();
         assert!(mended.mesh.volume() > 0.0 && mended.notes.len() == 1);
+    }
+
+    #[test]
+    fn all_pieces_stay_each_turned_outward() {
+        let (mut two, mut second) = (tetrahedron(), tetrahedron());
+        second.vertices.iter_mut().for_each(|p| p.x += 20.0);
+        second.triangles.iter_mut().for_each(|t| t.swap(0, 1));
+        let mut crumb = tetrahedron();
+        crumb
+            .vertices
+            .iter_mut()
+            .for_each(|p| *p = *p * 0.1 - Vec3::x() * 9.0);
+        two.append(&second);
+        two.append(&crumb);
+        let closed = ClosedSurface::of_pieces(two, "teeth").unwrap();
+        let volume = 2.0 * tetrahedron().volume();
+        assert!((closed.mesh.volume() - volume).abs() < 1e-9);
+        assert_eq!(closed.notes.len(), 2, "{:?}", closed.notes);
+        assert!(ClosedSurface::of_pieces(crumb, "teeth").is_err());
     }
 
     #[test]

@@ -249,6 +249,11 @@ impl Crown {
         self.neck - self.axes[2] * (STUMP * self.scale)
     }
 
+    /// The middle of its biting surface \[mm\].
+    pub fn tip(&self) -> Vec3 {
+        self.neck + self.axes[2] * (self.kind.mean_size().height * self.scale)
+    }
+
     /// Its closed surface.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 use osteotome_devices::{DeviceFault, HapticDevice, LinkedDevice, Vec3, Wrench, spacenav};
 use std::io::Write;
 use std::os::unix::net::UnixListener;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -80,31 +80,52 @@ fn a_daemon_that_is_not_there_is_named() {
     }
 }
 
-/// Debian's spacenavd 1.1 makes its socket at `run/spnav.sock` of its working directory. `None`: it is not installed.
-fn spacenavd(folder: &Path) -> Option<Child> {
+/// The installed daemon, else Debian's, fetched into `folder`. `None`: neither is to be had.
+fn daemon(folder: &Path) -> Option<PathBuf> {
+    let installed = std::env::var_os("PATH").unwrap_or_default();
+    let mut places = std::env::split_paths(&installed).map(|p| p.join("spacenavd"));
+    places.find(|p| p.exists()).or_else(|| fetched(folder))
+}
+
+/// Taken out of Debian's package where `apt-get` can fetch it; nothing is installed.
+fn fetched(folder: &Path) -> Option<PathBuf> {
+    let does = |command: &mut Command| {
+        let command = command.current_dir(folder).stdin(Stdio::null());
+        command.output().is_ok_and(|o| o.status.success())
+    };
+    let is_fetched = does(Command::new("apt-get").args(["download", "spacenavd"]));
+    let mut files = std::fs::read_dir(folder).ok()?.flatten().map(|f| f.path());
+    let package = files.find(|p| p.extension().is_some_and(|e| e == "deb"))?;
+    let is_out = is_fetched && does(Command::new("dpkg").arg("-x").arg(&package).arg("package"));
+    let daemon = folder.join("package/usr/bin/spacenavd");
+    (is_out && daemon.exists()).then_some(daemon)
+}
+
+/// Debian's spacenavd 1.1 makes its socket at `run/spnav.sock` of its working directory.
+fn spacenavd(daemon: &Path, folder: &Path) -> Child {
     let quiet = Stdio::null;
-    let child = Command::new("spacenavd")
+    let child = Command::new(daemon)
         .args(["-d", "-c", "none", "-l", "log"])
         .current_dir(folder)
         .env_remove("DISPLAY")
         .stdout(quiet())
         .stderr(quiet())
         .spawn();
-    match child {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
-        child => Some(child.expect("spacenavd starts")),
-    }
+    child.expect("spacenavd starts")
 }
 
 #[test]
+#[allow(clippy::print_stderr)]
 fn the_real_daemon_is_connected_to_and_may_restart() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
     std::fs::create_dir(&run).unwrap();
     let socket = run.join("spnav.sock");
-    let Some(mut daemon) = spacenavd(folder.path()) else {
+    let Some(program) = daemon(folder.path()) else {
+        eprintln!("skipped: spacenavd is neither installed nor to be fetched by apt-get");
         return;
     };
+    let mut daemon = spacenavd(&program, folder.path());
     let mut found = None;
     until("it listens", || {
         found = spacenav::connect_to(&socket).ok();
@@ -116,7 +137,7 @@ fn the_real_daemon_is_connected_to_and_may_restart() {
     daemon.wait().unwrap();
     until("its end is seen", || !is_well(&mut device));
     let _ = std::fs::remove_file(run.join("spnavd.pid"));
-    let mut daemon = spacenavd(folder.path()).expect("as before");
+    let mut daemon = spacenavd(&program, folder.path());
     until("it reads again", || is_well(&mut device));
     daemon.kill().unwrap();
     daemon.wait().unwrap();

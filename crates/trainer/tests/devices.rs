@@ -2,11 +2,17 @@
 #[path = "../../devices/tests/standin/building.rs"]
 mod building;
 
+#[allow(dead_code)]
+#[path = "../../devices/tests/standin/haply_service.rs"]
+mod haply_service;
+
 use building::build;
+use haply_service::{Mood, Script};
 use nalgebra::{Isometry3, Matrix3, Matrix4, Quaternion, UnitQuaternion, Vector3};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 /// The program where no vendor's library or service is, but for what `found` names.
 fn osteotome(folder: &Path, found: &[(&str, &Path)], args: &[&str]) -> Output {
@@ -295,7 +301,7 @@ fn a_recording_is_gone_on_from_with_devices() {
 }
 
 // Whole splits, in real time and on the shipped bone: the poses of a session that the built-in surgeon has led are led once
-// more by devices. They need a machine that keeps the pace, and OSTEOTOME_LONG=1.
+// more by devices, one split after the other. They need a machine that keeps the pace, and OSTEOTOME_LONG=1.
 
 const SCENARIO: &str = concat!(
     env!("CARGO_MANIFEST_DIR"),
@@ -309,9 +315,21 @@ fn is_long() -> bool {
 /// Played so many times slower than in lockstep, where the crack grows in no time.
 const SLOWNESS: usize = 4;
 
+type Hands = [Vec<Isometry3<f64>>; 2];
+
+/// The surgeon's hands, for as long as no other split runs.
+fn surgeons_hands() -> (&'static Hands, MutexGuard<'static, ()>) {
+    static IN_TURN: Mutex<()> = Mutex::new(());
+    static HANDS: OnceLock<Hands> = OnceLock::new();
+    let turn = IN_TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    (HANDS.get_or_init(built_in_surgeons_hands), turn)
+}
+
 /// The surgeon's session in lockstep, and both hands' motion as their devices' poses up to the break and a little on. There they
 /// stay: in real time the crack may need longer to get so far.
-fn surgeons_hands(folder: &Path) -> [Vec<Isometry3<f64>>; 2] {
+fn built_in_surgeons_hands() -> Hands {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
     let args = ["run", SCENARIO, "--out", "surgeon", "--json"];
     let metrics = json(&osteotome(folder, &[], &args));
     let time = metrics["split"]["time_s"]
@@ -414,7 +432,7 @@ fn transforms(poses: &[Isometry3<f64>], to_vendor: &Matrix3<f64>) -> Vec<u8> {
 /// For a crack that lags behind the hands, and for a pause \[s\].
 const PATIENCE: f64 = 12.0;
 
-fn length(hands: &[Vec<Isometry3<f64>>; 2]) -> f64 {
+fn length(hands: &Hands) -> f64 {
     hands[0].len() as f64 * 1e-3
 }
 
@@ -422,7 +440,7 @@ fn length(hands: &[Vec<Isometry3<f64>>; 2]) -> f64 {
 fn splits(library: &str, variable: &str, devices: [&str; 2], to_vendor: &Matrix3<f64>) {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let hands = surgeons_hands(folder);
+    let (hands, _turn) = surgeons_hands();
     let files = [0, 1].map(|i| {
         let file = folder.join(format!("hand{i}.bin"));
         std::fs::write(&file, transforms(&hands[i], to_vendor)).expect("written");
@@ -436,7 +454,7 @@ fn splits(library: &str, variable: &str, devices: [&str; 2], to_vendor: &Matrix3
         ("STANDIN_GO", Path::new("out.partial")),
         ("STANDIN_UNPLUG", Path::new("2000:700")),
     ];
-    let (metrics, events) = split_by(folder, &found, devices, length(&hands) + PATIENCE);
+    let (metrics, events) = split_by(folder, &found, devices, length(hands) + PATIENCE);
     let told = |part: &str| events.iter().any(|e| e.contains(part));
     assert!(
         told("the right device: unplugged") && told("the right device is back"),
@@ -462,6 +480,62 @@ fn force_dimension_drives_a_whole_split() {
         let to_vendor = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
         let devices = ["forcedimension:7001", "forcedimension:3002"];
         splits("libdhd", "OSTEOTOME_LIBDHD", devices, &to_vendor);
+    }
+}
+
+/// A whole split by two Inverse3s with grips, of either version; in its midst the service talks nonsense, has no devices, falls silent and
+/// goes away.
+fn haply_splits(is_new: bool) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let (hands, _turn) = surgeons_hands();
+    let (service, address) = haply_service::start(is_new);
+    let poses = |hand: &Vec<Isometry3<f64>>| {
+        let pose = |p: &Isometry3<f64>| (p.translation.vector.into(), p.rotation.coords.into());
+        hand.iter().map(pose).collect()
+    };
+    service.lock().expect("a service").script = Some(Script {
+        hands: hands.each_ref().map(poses),
+        go: folder.join("out.partial"),
+        troubles: vec![
+            (8000, Mood::Closing, 1),
+            (6000, Mood::Stalled, 1),
+            (4000, Mood::WithoutDevice, 700),
+            (2000, Mood::Malformed, 100),
+        ],
+        has_begun: false,
+        played: 0,
+    });
+    let found = [("OSTEOTOME_HAPLY", Path::new(&address))];
+    let devices = ["haply:049D", "haply:05DA"];
+    let (metrics, events) = split_by(folder, &found, devices, length(hands) + PATIENCE);
+    for what in [
+        "could not be understood",
+        "unplugged",
+        "no new reading",
+        "connection was interrupted",
+        "the right device is back",
+    ] {
+        assert!(
+            events.iter().any(|e| e.contains(what)),
+            "{what}: {events:?}"
+        );
+    }
+    assert!(service.lock().expect("a service").n_connections >= 3);
+    assert_eq!(metrics["split"]["complete"], true, "{events:?} {metrics}");
+}
+
+#[test]
+fn haply_3_5_drives_a_whole_split() {
+    if is_long() {
+        haply_splits(true);
+    }
+}
+
+#[test]
+fn haply_3_1_drives_a_whole_split() {
+    if is_long() {
+        haply_splits(false);
     }
 }
 
@@ -534,7 +608,7 @@ fn the_python_client_drives_a_whole_split() {
     }
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let hands = surgeons_hands(folder);
+    let (hands, _turn) = surgeons_hands();
     let ports = free_ports();
     let led = [0, 1].map(|i| {
         let file = folder.join(format!("hand{i}.csv"));
@@ -551,7 +625,7 @@ fn the_python_client_drives_a_whole_split() {
         folder,
         &[],
         devices.each_ref().map(String::as_str),
-        length(&hands) + PATIENCE,
+        length(hands) + PATIENCE,
     );
     assert_eq!(
         metrics["split"]["complete"],

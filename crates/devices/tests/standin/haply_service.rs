@@ -1,11 +1,13 @@
 //! A stand-in for Haply's service: a WebSocket server that answers each message with the devices' state.
 use serde_json::{Value, json};
 use std::net::{TcpListener, TcpStream};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::thread::Builder;
+use thread_priority::{ThreadPriority, set_current_thread_priority};
 
-#[derive(Clone, Copy, PartialEq)]
 /// What the service does wrong.
+#[derive(Clone, Copy, PartialEq)]
 pub enum Mood {
     Well,
     Malformed,
@@ -17,7 +19,43 @@ pub enum Mood {
     Closing,
 }
 
+/// Hands that the service's devices and grips follow, a pose a message. While something is wrong they wait.
+pub struct Script {
+    /// Position \[mm\] and quaternion x, y, z, w.
+    pub hands: [Vec<([f64; 3], [f64; 4])>; 2],
+    /// Begins once there is this file.
+    pub go: PathBuf,
+    /// What goes wrong at which pose, for how many messages; the latest first.
+    pub troubles: Vec<(usize, Mood, u32)>,
+    pub has_begun: bool,
+    pub played: usize,
+}
+
+impl Script {
+    fn pose(&self, i: usize) -> ([f64; 3], [f64; 4]) {
+        let hand = &self.hands[i];
+        hand[self.played.min(hand.len() - 1)]
+    }
+
+    fn play(&mut self) -> Mood {
+        self.has_begun = self.has_begun || self.go.exists();
+        if let Some((at, mood, left)) = self.troubles.last_mut()
+            && self.played >= *at
+        {
+            let mood = *mood;
+            *left -= 1;
+            if *left == 0 {
+                self.troubles.pop();
+            }
+            return mood;
+        }
+        self.played += usize::from(self.has_begun);
+        Mood::Well
+    }
+}
+
 pub struct Service {
+    pub script: Option<Script>,
     is_new: bool,
     pub mood: Mood,
     /// Forces displayed, by device.
@@ -36,8 +74,12 @@ fn vector(v: [f64; 3]) -> Value {
 fn state(service: &Service, is_first: bool) -> String {
     let device = |i: usize| {
         let f = service.shown[i];
+        let place = match &service.script {
+            Some(script) => script.pose(i).0.map(|c| c * 1e-3),
+            None => [f[0] * 1e-3, 0.1 + f[1] * 1e-3, f[2] * 1e-3],
+        };
         let mut state = json!({
-            "cursor_position": vector([f[0] * 1e-3, 0.1 + f[1] * 1e-3, f[2] * 1e-3]),
+            "cursor_position": vector(place),
             "cursor_velocity": vector([0.0; 3]),
         });
         let mut device =
@@ -55,13 +97,19 @@ fn state(service: &Service, is_first: bool) -> String {
         device["state"] = state;
         device
     };
-    let turn = json!({"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0});
-    let grip = if service.is_new {
-        json!({"device_id": "g", "state": {"orientation": turn, "buttons": {"a": false, "b": true, "c": false}}})
-    } else {
-        json!({"device_id": "g", "state": {"orientation": turn, "button": true}})
+    let grip = |i: usize| {
+        let turn = service.script.as_ref().map(|s| s.pose(i).1);
+        let [x, y, z, w] = turn.unwrap_or([0.0, 0.0, 0.0, 1.0]);
+        let turn = json!({"w": w, "x": x, "y": y, "z": z});
+        if service.is_new {
+            json!({"device_id": "g", "state": {"orientation": turn, "buttons": {"a": false, "b": true, "c": false}}})
+        } else {
+            json!({"device_id": "g", "state": {"orientation": turn, "button": true}})
+        }
     };
-    json!({"session_id": 7, "inverse3": [device(0), device(1)], "verse_grip": [grip], "wireless_verse_grip": []}).to_string()
+    let grips = if service.script.is_some() { 2 } else { 1 };
+    let grips: Vec<_> = (0..grips).map(grip).collect();
+    json!({"session_id": 7, "inverse3": [device(0), device(1)], "verse_grip": grips, "wireless_verse_grip": []}).to_string()
 }
 
 /// Takes the forces; a message of the other version is not understood.
@@ -78,7 +126,10 @@ fn take(service: &mut Service, text: &str) {
 }
 
 fn serve(stream: TcpStream, shared: &Shared) -> Option<()> {
+    // As the vendor's service; without the right to it, as it is.
+    let _ = set_current_thread_priority(ThreadPriority::Max);
     let mut socket = tungstenite::accept(stream).ok()?;
+    socket.get_ref().set_nodelay(true).ok()?;
     shared.lock().unwrap().n_connections += 1;
     let first = state(&shared.lock().unwrap(), true);
     socket.send(first.into()).ok()?;
@@ -90,6 +141,9 @@ fn serve(stream: TcpStream, shared: &Shared) -> Option<()> {
         let (mood, answer) = {
             let mut service = shared.lock().unwrap();
             take(&mut service, message.to_text().ok()?);
+            if let Some(script) = &mut service.script {
+                service.mood = script.play();
+            }
             (service.mood, state(&service, false))
         };
         let answer = match mood {
@@ -112,6 +166,7 @@ fn serve(stream: TcpStream, shared: &Shared) -> Option<()> {
 /// A service with two devices, of version 3.5 or 3.1, on a port of its own.
 pub fn start(is_new: bool) -> (Shared, String) {
     let shared = Arc::new(Mutex::new(Service {
+        script: None,
         is_new,
         mood: Mood::Well,
         shown: [[0.0; 3]; 2],

@@ -147,6 +147,9 @@ static void *run(void *unused) {
         t.tv_nsec += 1000000;
         if (t.tv_nsec >= 1000000000) { t.tv_nsec -= 1000000000; t.tv_sec++; }
         clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
+        struct timespec late; /* Too late, it does not hurry: a hand would leap. */
+        clock_gettime(CLOCK_MONOTONIC, &late);
+        if ((late.tv_sec - t.tv_sec) * 1000000000 + late.tv_nsec - t.tv_nsec > 5000000) t = late;
         pthread_mutex_lock(&lock);
         if (scheduled) callback(callback_data);
         play();

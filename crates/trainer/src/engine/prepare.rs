@@ -96,6 +96,7 @@ fn patient_spec(s: &Scenario) -> PatientSpec {
             cortical_orthotropic: s.material.cortical_orthotropic,
             trabecular: tissue(&s.material.trabecular),
             cortical_thickness: s.material.cortical_thickness,
+            cortical_regions: s.material.cortical_regions,
             ..MaterialSpec::default()
         },
         density: s.material.density.clone(),

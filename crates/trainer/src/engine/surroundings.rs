@@ -35,8 +35,11 @@ pub fn surroundings(
     let line: Vec<Vec3> = line.collect();
     let near = Aabb::around(&line).grown(REACH);
     let mut make = |role: String, mesh: TriMesh, name: String| -> Result<Surrounding> {
-        let field = match ClosedSurface::new(mesh.clone(), &name) {
-            Ok(closed) => field(closed.mesh, &near)?,
+        let field = match ClosedSurface::of_pieces(mesh.clone(), &name) {
+            Ok(closed) => {
+                notes.extend(closed.notes);
+                field(closed.mesh, &near)?
+            }
             Err(why) => {
                 notes.push(format!("{why}; it is shown, but tools do not touch it"));
                 None

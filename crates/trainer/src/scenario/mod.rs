@@ -10,9 +10,9 @@ pub use overrides::Override;
 pub use read::{Source, explain, load, parse_toml, plain};
 pub use targets::{Target, Targets};
 
-use osteotome_anatomy::Parameters;
 pub use osteotome_anatomy::Technique;
 use osteotome_anatomy::density::DensitySpec;
+use osteotome_anatomy::{CorticalRegions, Parameters};
 use osteotome_devices::Binding;
 use osteotome_mechanics::bone::EngineeringConstants;
 use serde::{Deserialize, Serialize};
@@ -159,6 +159,9 @@ pub struct Materials {
     pub trabecular: Material,
     /// Thickness of the cortical layer \[mm\].
     pub cortical_thickness: f64,
+    /// The same by region, in place of that.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cortical_regions: Option<CorticalRegions>,
     /// Young's modulus of bone by a scan's density, in place of the two above.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub density: Option<DensitySpec>,
@@ -179,6 +182,7 @@ impl Default for Materials {
                 toughness: [0.2, 0.2],
             },
             cortical_thickness: 2.2,
+            cortical_regions: None,
             density: None,
         }
     }

@@ -173,6 +173,12 @@ fn validate(s: &Scenario, place: &impl Fn(&str) -> String) -> Result<()> {
         nine.check().map_err(|e| anyhow!("{}: {e}", place(key)))?;
     }
     at.positive("material.cortical_thickness", s.material.cortical_thickness)?;
+    if let Some(regions) = &s.material.cortical_regions {
+        let key = "material.cortical_regions";
+        regions
+            .check()
+            .map_err(|e| anyhow!("{}: {e}", place(key)))?;
+    }
     let scan = s.material.density.as_ref().map(|d| d.scan.as_path());
     at.existing("material.density.scan", scan)?;
     at.count("mesh.nodes", s.mesh.nodes, 100, 200_000)?;
