@@ -377,35 +377,39 @@ impl Factor {
             shift[*s as usize] = self.first[*s as usize] as usize - offset;
         }
         let mut below = vec![0.0; self.longest_pattern() * m];
+        let mut rows = Vec::with_capacity(self.longest_pattern());
         for (&s, &offset) in path.supernodes.iter().zip(&path.offset) {
             let (n, pattern) = (self.columns(s as usize).len(), self.pattern(s as usize));
             let (l, stride) = (self.values::<Double>(s as usize), n + pattern.len());
-            if n * stride < SMALL {
-                let below = &mut below[..pattern.len() * m];
-                below.fill(0.0);
-                for (c, column) in panel.chunks_exact_mut(n_rows).enumerate() {
-                    let below = &mut below[c * pattern.len()..(c + 1) * pattern.len()];
-                    eliminate(l, stride, &mut column[offset..offset + n], below);
-                }
-            } else {
+            let is_small = n * stride < SMALL;
+            let below = &mut below[..pattern.len() * m];
+            below.fill(0.0);
+            if !is_small {
                 let top = view_mut(panel, n_rows, offset, n, m);
                 solve_lower_triangular_in_place(view(l, stride, 0, n, n), top, Par::Seq);
                 let top = view(panel, n_rows, offset, n, m);
-                let product = view_mut(&mut below, pattern.len(), 0, pattern.len(), m);
+                let product = view_mut(below, pattern.len(), 0, pattern.len(), m);
                 let lower = view(l, stride, n, pattern.len(), n);
                 matmul(product, Accum::Replace, lower, top, 1.0, Par::Seq);
             }
-            if pattern.is_empty() {
-                continue;
-            }
-            for (column, below) in panel
-                .chunks_exact_mut(n_rows)
-                .zip(below.chunks_exact(pattern.len()))
-            {
-                for (row, b) in pattern.iter().zip(below) {
-                    let row = *row as usize;
-                    column[row - shift[self.supernode_of[row] as usize]] -= b;
+            rows.clear();
+            rows.extend((pattern.iter()).map(|row| {
+                let row = *row as usize;
+                row - shift[self.supernode_of[row] as usize]
+            }));
+            for (c, column) in panel.chunks_exact_mut(n_rows).enumerate() {
+                let top = &mut column[offset..offset + n];
+                // Each column has entries on its own path only.
+                if top.iter().all(|v| *v == 0.0) {
+                    continue;
                 }
+                let below = &mut below[c * rows.len()..(c + 1) * rows.len()];
+                if is_small {
+                    eliminate(l, stride, top, below);
+                }
+                rows.iter()
+                    .zip(below)
+                    .for_each(|(row, b)| column[*row] -= *b);
             }
         }
     }
