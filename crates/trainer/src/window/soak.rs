@@ -158,6 +158,19 @@ impl Held {
             files: entries("/proc/self/fd"),
         }
     }
+
+    /// Once threads that are about to end have ended.
+    fn at_rest() -> Self {
+        let mut held = Self::now();
+        for _ in 0..20 {
+            std::thread::sleep(Duration::from_millis(50));
+            let now = Self::now();
+            held.threads = held.threads.min(now.threads);
+            held.files = held.files.min(now.files);
+            held.pages = now.pages;
+        }
+        held
+    }
 }
 
 /// Whether this process runs the test alone; else it has had another do so.
@@ -196,10 +209,10 @@ fn resets_leave_memory_threads_and_files_as_they_were() {
         assert!(c.take_kept().is_some(), "{:?}", c.take_notice());
         if k + 1 == settling {
             next_picture(&eye);
-            settled = Some(Held::now());
+            settled = Some(Held::at_rest());
         }
     }
-    let (before, after) = (settled.unwrap(), Held::now());
+    let (before, after) = (settled.unwrap(), Held::at_rest());
     assert_eq!([before.threads, before.files], [after.threads, after.files]);
     let grown = after.pages / before.pages - 1.0;
     let words = format!(
