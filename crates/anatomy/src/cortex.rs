@@ -1,6 +1,7 @@
 //! How thick the cortical layer is, region by region.
 use crate::error::{AnatomyError, in_range};
 use crate::landmarks::JawFrame;
+use crate::parametric::smoothstep;
 use osteotome_mechanics::geometry::{MeshDistance, Vec3};
 use serde::{Deserialize, Serialize};
 
@@ -69,29 +70,27 @@ impl CorticalRegions {
         let gonion = 0.5 * (frame.gonions[0] + frame.gonions[1]);
         let chin = frame.path.iter().map(|q| q.y).fold(gonion.y, f64::min);
         let ahead = (gonion.y - nearest.point.y) / (gonion.y - chin).max(1e-9);
-        let ramus = smooth(RAMUS, ahead);
+        let ramus = smoothstep(RAMUS[0], RAMUS[1], ahead);
         // Away from the tongue: from between the jaw angles, a quarter of the way to the chin.
         let tongue = Vec3::new(gonion.x, gonion.y + 0.25 * (chin - gonion.y), 0.0);
         let away = (nearest.point - tongue).xy();
         let outward = away.try_normalize(1e-9).unwrap_or_default();
-        let buccal = smooth([-1.0, 1.0], nearest.normal.xy().dot(&outward));
+        let buccal = smoothstep(-1.0, 1.0, nearest.normal.xy().dot(&outward));
         let plates = mix(
             mix(self.body_lingual, self.body_buccal, buccal),
             mix(self.ramus_lingual, self.ramus_buccal, buccal),
             ramus,
         );
-        mix(plates, self.lower_border, smooth(BORDER, -nearest.normal.z))
+        mix(
+            plates,
+            self.lower_border,
+            smoothstep(BORDER[0], BORDER[1], -nearest.normal.z),
+        )
     }
 }
 
 fn mix(a: f64, b: f64, share: f64) -> f64 {
     a + (b - a) * share
-}
-
-/// 0 at the first bound, 1 at the second, smooth between.
-fn smooth([from, to]: [f64; 2], x: f64) -> f64 {
-    let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
 }
 
 #[cfg(test)]

@@ -772,7 +772,7 @@ fn bezier(c: &[f64; 4], t: f64) -> f64 {
 }
 
 /// 0 below `low`, 1 above `high`, smooth between.
-fn smoothstep(low: f64, high: f64, x: f64) -> f64 {
+pub(crate) fn smoothstep(low: f64, high: f64, x: f64) -> f64 {
     let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }

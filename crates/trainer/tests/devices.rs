@@ -2,7 +2,7 @@
 #[path = "../../devices/tests/standin/building.rs"]
 mod building;
 
-#[allow(dead_code)]
+#[expect(dead_code, reason = "some moods are for the drivers' own tests")]
 #[path = "../../devices/tests/standin/haply_service.rs"]
 mod haply_service;
 

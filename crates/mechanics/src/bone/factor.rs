@@ -383,8 +383,9 @@ impl Factor {
             let (l, stride) = (self.values::<Double>(s as usize), n + pattern.len());
             let is_small = n * stride < SMALL;
             let below = &mut below[..pattern.len() * m];
-            below.fill(0.0);
-            if !is_small {
+            if is_small {
+                below.fill(0.0);
+            } else {
                 let top = view_mut(panel, n_rows, offset, n, m);
                 solve_lower_triangular_in_place(view(l, stride, 0, n, n), top, Par::Seq);
                 let top = view(panel, n_rows, offset, n, m);

@@ -319,8 +319,8 @@ impl FrontLine {
         let mut excess = vec![0.0; n];
         let half_width = WIDE_HAT * h;
         let divided = (0..fields.mesh.tets().len() as u32).filter(|&t| {
-            let corners = || fields.mesh.corners(t as usize);
-            fields.topology.is_divided(t) && self.comes_within(1.5 * h, &Aabb::around(&corners()))
+            let bounds = || Aabb::around(&fields.mesh.corners(t as usize));
+            fields.topology.is_divided(t) && self.comes_within(1.5 * h, &bounds())
         });
         for t in divided {
             face_pieces(fields.mesh, fields.cuts, fields.topology, t, |f| {

@@ -381,7 +381,8 @@ impl System {
     pub fn released(
         &self,
         before: &Self,
-        (mesh, topology): (&TetMesh, &Topology),
+        mesh: &TetMesh,
+        topology: &Topology,
         x: &[f64],
         loads: &[(u32, f64)],
     ) -> Option<f64> {

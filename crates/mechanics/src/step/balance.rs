@@ -58,11 +58,10 @@ impl<'a> Balance<'a> {
             }
         };
         if staying.len() == carried.len() {
-            let (mesh, x) = (&body.solid.mesh, &self.state.x);
-            let forces = grown.sparse_loads(&staying);
-            let at_forces =
-                (grown.system).released(&body.system, (mesh, &grown.topology), x, &forces);
-            if let Some(more) = at_forces {
+            let (mesh, topology) = (&body.solid.mesh, &grown.topology);
+            let (x, forces) = (&self.state.x, grown.sparse_loads(&staying));
+            let more = (grown.system).released(&body.system, mesh, topology, x, &forces);
+            if let Some(more) = more {
                 return part(self.state.strain_energy, more);
             }
         }
