@@ -178,7 +178,7 @@ impl Study {
                 .bone
                 .under_loads(&scaled.collect::<Vec<_>>(), &mut faces);
             let (grown, report) =
-                propagation_step(&self.bone, &state, &PropagationSettings::default())?;
+                propagation_step(&self.bone, &state, &PropagationSettings::default(), None)?;
             if let Some(bone) = grown {
                 let step = Step {
                     force,

@@ -6,6 +6,7 @@ use super::bone::BoneState;
 use crate::crack::stress_intensity::CellForce;
 use crate::crack::{BodyError, CrackedBody, Front, Growth};
 use crate::geometry::Vec3;
+use std::cell::Cell;
 
 /// A cut of next to no area still has to be torn by something \[N mm\].
 const LEAST_COST: f64 = 1e-3;
@@ -14,6 +15,7 @@ const LEAST_COST: f64 = 1e-3;
 pub(super) struct Balance<'a> {
     body: &'a CrackedBody,
     state: &'a BoneState,
+    best: Cell<f64>,
 }
 
 /// A growth that was tried.
@@ -28,7 +30,16 @@ pub(super) struct Trial {
 
 impl<'a> Balance<'a> {
     pub fn new(body: &'a CrackedBody, state: &'a BoneState) -> Self {
-        Self { body, state }
+        Self {
+            body,
+            state,
+            best: Cell::new(0.0),
+        }
+    }
+
+    /// Of all growths weighed, the largest ratio of energy released to energy needed.
+    pub fn best(&self) -> f64 {
+        self.best.get()
     }
 
     /// Tries a growth; none if it cuts nothing.
@@ -40,6 +51,7 @@ impl<'a> Balance<'a> {
         let body = self.body.grown(growth)?;
         let (area, cost) = body.cost(self.body, &newly_cut);
         let ratio = self.released(&body) / cost.max(LEAST_COST);
+        self.best.set(self.best.get().max(ratio));
         Ok(Some(Trial { body, ratio, area }))
     }
 

@@ -17,4 +17,4 @@ mod yielding;
 
 pub use bone::{Body, Bone, BoneState, Region};
 pub use crack_faces::{CrackFaces, FaceContact, FacePlace};
-pub use propagation::{FrontPoint, GrowthReport, PropagationSettings, propagation_step};
+pub use propagation::{FrontPoint, GrowthReport, PropagationSettings, Rest, propagation_step};

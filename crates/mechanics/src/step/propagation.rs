@@ -67,8 +67,49 @@ pub struct GrowthReport {
     pub strongest: f64,
     /// Whether any front advanced.
     pub advanced: bool,
+    /// Under what the crack rests, if growths were tried and none paid.
+    pub rest: Option<Rest>,
     /// The ligament that came nearest to tearing as a whole: its edges, and its energy release rate over its toughness.
     pub ligament: Option<(usize, f64)>,
+}
+
+/// A load under which growths were tried and none paid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rest {
+    /// Largest drive of each front.
+    drives: Vec<f64>,
+    /// Elastic energy \[N mm\].
+    energy: f64,
+    /// Largest ratio of energy released to energy needed.
+    ratio: f64,
+}
+
+impl Rest {
+    fn new(drives: &FrontDrives, state: &BoneState) -> Self {
+        let largest = |f: &Vec<Drive>| f.iter().fold(0.0, |most: f64, d| d.ratio.max(most));
+        Self {
+            drives: drives.smooth.iter().map(largest).collect(),
+            energy: state.strain_energy,
+            ratio: 0.0,
+        }
+    }
+
+    /// Whether nothing pays under `now` either: what a growth releases goes with the square of the load, as drives and energy do, so
+    /// neither may have risen by what the best growth lacked, and no front may have come to be driven.
+    fn holds(&self, now: &Self) -> bool {
+        /// Less than one, and never many times the load: its pattern may have changed as well.
+        const MARGIN: f64 = 0.8;
+        const LEAST: f64 = 0.5;
+        let is_driven = |drive: &f64| *drive >= 1.0;
+        let rise = |(then, now): (&f64, &f64)| match (is_driven(then), is_driven(now)) {
+            (_, false) => 0.0,
+            (false, true) => f64::INFINITY,
+            (true, true) => now / then,
+        };
+        let fronts = self.drives.iter().zip(&now.drives).map(rise);
+        let most = fronts.fold(now.energy / self.energy.max(1e-9), f64::max);
+        self.drives.len() == now.drives.len() && self.ratio.max(LEAST) * most < MARGIN
+    }
 }
 
 /// Share of the least toughness from which a station's K are looked at: no kink raises G by more than half (pure sliding,
@@ -78,7 +119,8 @@ const K_FROM: f64 = 0.3;
 /// Checks MSERRC on a state of the bone and grows the crack by one increment where it is met (paper, section 3.1 step 3) and
 /// pays for itself.
 ///
-/// Returns the next generation, or none if the crack rests. `state` must belong to `bone`.
+/// Returns the next generation, or none if the crack rests. `state` must belong to `bone`, and `rested`, where it was last found to rest,
+/// to the same generation: then nothing is tried until the load has risen.
 ///
 /// # Errors
 /// [`BodyError::Factor`] if the grown bone cannot be factored; the old one stays valid.
@@ -86,6 +128,7 @@ pub fn propagation_step(
     bone: &Bone,
     state: &BoneState,
     settings: &PropagationSettings,
+    rested: Option<&Rest>,
 ) -> Result<(Option<Bone>, GrowthReport), BodyError> {
     let body = &bone.body;
     let mut report = GrowthReport::default();
@@ -101,6 +144,11 @@ pub fn propagation_step(
         let points = e.stations.iter().zip(drives).zip(moves);
         let points = points.map(|((s, d), m)| FrontPoint::new(s, d, m));
         report.fronts.push(points.collect());
+    }
+    let rest = Rest::new(&drives, state);
+    if let Some(rested) = rested.filter(|r| r.holds(&rest)) {
+        report.rest = Some(rested.clone());
+        return Ok((None, report));
     }
     let balance = Balance::new(&bone.cracked, state);
     let driven = lengths.increment / drives.pace(&evaluated).max(1.0);
@@ -128,6 +176,8 @@ pub fn propagation_step(
         })?;
     }
     let Some(Trial { body: grown, .. }) = best else {
+        let ratio = balance.best();
+        report.rest = Some(Rest { ratio, ..rest });
         return Ok((None, report));
     };
     report.advanced = true;
@@ -166,4 +216,30 @@ fn stretches<'a>(fronts: &'a [EvaluatedFront], moves: &[Vec<Vec3>]) -> Vec<(&'a 
         }
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_crack_rests_until_the_load_has_risen_by_what_was_lacking() {
+        let rest = |drives: &[f64], energy: f64, ratio: f64| Rest {
+            drives: drives.to_vec(),
+            energy,
+            ratio,
+        };
+        let then = rest(&[2.0, 0.5], 10.0, 0.6);
+        assert!(then.holds(&rest(&[2.4, 0.9], 12.0, 0.0)));
+        for now in [
+            rest(&[2.8, 0.5], 10.0, 0.0),
+            rest(&[2.0, 1.1], 10.0, 0.0),
+            rest(&[2.0, 0.5], 14.0, 0.0),
+            rest(&[2.0], 10.0, 0.0),
+        ] {
+            assert!(!then.holds(&now), "{now:?}");
+        }
+        // Nothing was tried, as nothing was driven.
+        assert!(!rest(&[0.9], 10.0, 0.0).holds(&rest(&[1.0], 12.0, 0.0)));
+    }
 }

@@ -4,7 +4,7 @@ use crate::session::{FrontPoint, GrowthSample};
 use osteotome_mechanics::crack::{CutEdges, bridging_edges};
 use osteotome_mechanics::geometry::Vec3;
 use osteotome_mechanics::step::{
-    Bone, BoneState, GrowthReport, PropagationSettings, propagation_step,
+    Bone, BoneState, GrowthReport, PropagationSettings, Rest, propagation_step,
 };
 use std::sync::Arc;
 
@@ -32,6 +32,8 @@ pub struct Propagation {
     n_looks: u64,
     /// Strain energy \[N mm\] at which the bone as it is was last found to rest.
     rested: Option<f64>,
+    /// The last load under which growths of the bone as it is were tried in vain.
+    tried: Option<Rest>,
     rebase: Rebase,
     /// Why the crack cannot go on, if a grown bone could not be computed.
     stuck: Option<String>,
@@ -52,6 +54,7 @@ impl Propagation {
             seen: 0,
             n_looks: 0,
             rested: None,
+            tried: None,
             rebase: Rebase::default(),
             stuck: None,
         }
@@ -130,15 +133,19 @@ impl PropagationPart for Propagation {
         }
         self.rested = Some(energy);
         self.n_looks += 1;
-        match propagation_step(&self.bone, &loaded.state, &self.settings) {
+        let tried = self.tried.as_ref();
+        match propagation_step(&self.bone, &loaded.state, &self.settings, tried) {
             Ok((Some(mut next), report)) => {
-                self.rested = None;
+                (self.rested, self.tried) = (None, None);
                 self.rebase.follow(&mut next);
                 let before = std::mem::replace(&mut self.bone, Arc::new(next));
                 self.grown.write(Arc::clone(&self.bone));
                 Propagated::Grown(Box::new(self.sample(&report, Some(&before.cuts))))
             }
-            Ok((None, _)) => Propagated::Checked,
+            Ok((None, report)) => {
+                self.tried = report.rest;
+                Propagated::Checked
+            }
             Err(error) => {
                 self.stuck = Some(error.to_string());
                 Propagated::Checked

@@ -330,7 +330,7 @@ impl Rig {
         );
         if self.breaks {
             let settings = PropagationSettings::default();
-            let grown = propagation_step(&self.bone, &self.main.bone, &settings).unwrap();
+            let grown = propagation_step(&self.bone, &self.main.bone, &settings, None).unwrap();
             if let (Some(grown), _) = grown {
                 self.main.adopt(&self.bone, &grown);
                 self.bone = grown;
