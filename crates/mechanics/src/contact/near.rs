@@ -420,7 +420,8 @@ impl Depths {
     }
 }
 
-/// Calls `visit` with each cell whose volume may hold points near the shape, were they to move by `way` \[mm\]; ascending.
+/// Calls `visit` with each of the `cells` that hold points whose volume may hold points near the shape, were they to move by `way`
+/// \[mm\]; ascending.
 pub fn cells_about(
     shape: &RigidShape,
     world_from_shape: &Pose,
@@ -436,7 +437,7 @@ pub fn cells_about(
         volumes,
         within: MARGIN + way,
     };
-    balls.each_near::<f32x4>(|place, _| visit(cells[place]));
+    balls.each_near::<f32x4>(|place, _| cells.get(place).into_iter().for_each(|c| visit(*c)));
 }
 
 /// Looks through the volumes.
@@ -453,11 +454,12 @@ impl BallSearch<'_> {
         let fours = self.volumes.balls();
         for (first, groups) in (0..).step_by(LANES).zip(self.volumes.groups()) {
             let (_, near_groups) = self.near::<L>(&groups.numbers);
-            for group in set_bits(near_groups).map(|l| first + l) {
-                for four in LANES * group..fours.len().min(LANES * (group + 1)) {
-                    let (near, near_walls) = self.near::<L>(&fours[four].numbers);
+            for four in set_bits(near_groups).map(|l| LANES * (first + l)) {
+                let own = fours.iter().skip(four).take(LANES);
+                for (place, balls) in (LANES * four..).step_by(LANES).zip(own) {
+                    let (near, near_walls) = self.near::<L>(&balls.numbers);
                     for l in set_bits(near_walls) {
-                        visit(LANES * four + l, near >> l & 1 == 1);
+                        visit(place + l, near >> l & 1 == 1);
                     }
                 }
             }
@@ -471,10 +473,9 @@ impl BallSearch<'_> {
             let [x, y, z, radius] = balls.each_ref().map(|n| L::load(n, at));
             let centre = self.from_world.place([x, y, z]);
             let within = radius + L::splat(self.within + ROUNDING);
-            let zero = L::splat(0.0);
-            let all = zero.at_least(zero);
-            near |= L::bits(self.faces.near(centre, within, None)) << at;
-            near_walls |= L::bits(self.faces.near(centre, within, Some([all, all]))) << at;
+            let [body, right, left] = self.faces.near_sides(centre, within);
+            near |= L::bits(body) << at;
+            near_walls |= L::bits(body | right | left) << at;
         }
         (near, near_walls)
     }
@@ -507,15 +508,18 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// How far back along the shape there is bone within [`AFAR`].
+    /// How far back along the shape there is bone within [`AFAR`], if not nearer.
     fn back<L: Lanes>(&self) -> f32 {
+        let balls = self.balls(AFAR);
         let mut back = f32::INFINITY;
-        self.balls(AFAR).each_near::<L>(|place, _| {
-            if let Some((centre, radius)) = self.scene.volumes.ball(place) {
-                let [.., z] = self.from_world.place(centre);
+        for groups in self.scene.volumes.groups() {
+            let (_, near) = balls.near::<L>(&groups.numbers);
+            for l in set_bits(near) {
+                let [x, y, z, radius] = groups.numbers.map(|n| n[l]);
+                let [.., z] = self.from_world.place([x, y, z]);
                 back = back.min(z - radius);
             }
-        });
+        }
         back
     }
 
@@ -634,7 +638,7 @@ impl<'a> Search<'a> {
         let [walled, ..] = L::columns(|l| [f32::from(u8::from(is_walled(l))); 4]);
         let walls = L::splat(0.0).less(walled);
         let place = self.from_middle.place(centre);
-        L::bits(self.faces.near(place, within, Some([walls, walls])))
+        L::bits(self.faces.near(place, within, walls, walls))
     }
 }
 

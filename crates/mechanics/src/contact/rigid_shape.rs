@@ -131,36 +131,42 @@ impl Faces {
     #[inline]
     pub fn near<L: Lanes>(
         &self,
-        [x, y, z]: [L; 3],
+        place: [L; 3],
         within: L,
-        walls: Option<[L::Mask; 2]>,
+        right: L::Mask,
+        left: L::Mask,
     ) -> L::Mask {
+        let [body, of_right, of_left] = self.near_sides(place, within);
+        body | (right & of_right) | (left & of_left)
+    }
+
+    /// Likewise: of all, for walls that look to +y, and for walls that look to -y.
+    #[inline]
+    pub fn near_sides<L: Lanes>(&self, [x, y, z]: [L; 3], within: L) -> [L::Mask; 3] {
         let splat = L::splat;
         let above = |v: L, low: f32| (splat(low) - v).less(within);
         let below = |v: L, high: f32| (v - splat(high)).less(within);
         let bevel = |[a, b, c]: [f32; 3]| (splat(a) * y + splat(b) * z - splat(c)).less(within);
         let ends = above(x, self.low[0]) & below(x, self.high[0]);
         let ends = ends & above(z, self.low[2]) & below(z, self.high[2]);
-        let low = above(y, self.low[1]) & bevel(self.bevels[0]);
-        let high = below(y, self.high[1]) & bevel(self.bevels[1]);
+        let low = ends & above(y, self.low[1]) & bevel(self.bevels[0]);
+        let high = ends & below(y, self.high[1]) & bevel(self.bevels[1]);
         let body = low & high;
-        let (Some([right, left]), Some([least, most])) = (walls, self.beside) else {
-            return ends & body;
-        };
-        let of_right = right & low & below(y, most);
-        let of_left = left & high & above(y, least);
-        ends & (body | of_right | of_left)
+        match self.beside {
+            None => [body; 3],
+            Some([least, most]) => [body, low & below(y, most), high & above(y, least)],
+        }
     }
 
     /// As [`near`](Self::near) for points of walls by how much these look to +y, now or once the shape has turned a little.
     #[inline]
     pub fn near_facing<L: Lanes>(&self, place: [L; 3], within: L, facing: L) -> L::Mask {
         const COSINE: f32 = SIDE_COSINE - TURN;
-        let walls = [
+        let (right, left) = (
             L::splat(COSINE).less(facing),
             facing.less(L::splat(-COSINE)),
-        ];
-        self.near(place, within, Some(walls))
+        );
+        self.near(place, within, right, left)
     }
 
     /// How deep a place lies within the faces at most \[mm\], negative outside; of a wall, within those that concern it.
