@@ -7,13 +7,13 @@ use wide::f32x4;
 ///
 /// A point inside a cell is a convex combination of the cell's deformed virtual nodes, so the ball about their mean that
 /// holds them holds it, and the points themselves are not touched. Balls are what a query asks for, four at a time, and a larger ball about
-/// each [`GROUP`] of neighbours lets most be passed over; nothing is sorted or hashed, so that a new state costs one pass over the nodes.
+/// each sixteen neighbours lets most be passed over; nothing is sorted or hashed, so that a new state costs one pass over the nodes.
 /// Double-buffer by owning two. [`update`](Self::update) allocates only while it grows past its largest size so far; queries never do.
 #[derive(Debug, Default)]
 pub struct BoundingVolumes {
     /// Of the cells that hold points, in the order of [`PointShell::occupied`].
     balls: Vec<Balls>,
-    /// About each [`GROUP`] of these.
+    /// About each sixteen of these.
     groups: Vec<Balls>,
     middle: Vec3,
 }
@@ -34,9 +34,6 @@ impl Clone for BoundingVolumes {
     }
 }
 
-/// How many neighbours share a larger ball.
-pub(super) const GROUP: usize = LANES * LANES;
-
 /// Nodes are used up to this far from the origin \[mm\]; beyond lies only a deformation that has blown up.
 const REACH: f32 = 1e5;
 
@@ -53,9 +50,7 @@ impl BoundingVolumes {
         let fours = shell.occupied().chunks(LANES);
         self.balls.clear();
         (self.balls).extend(fours.map(|cells| Balls::of_cells(shell, deformation, cells)));
-        self.groups.clear();
-        let groups = self.balls.chunks(GROUP);
-        (self.groups).extend(groups.map(|balls| Balls::about(balls.chunks(LANES))));
+        self.group();
         self.middle = middle(&self.balls);
     }
 
@@ -81,9 +76,13 @@ impl BoundingVolumes {
             self.balls[four] = Balls::of_cells(shell, deformation, own);
             renewed = four + 1;
         }
-        let groups = self.balls.chunks(GROUP);
+        self.group();
+    }
+
+    fn group(&mut self) {
+        let fours_of_groups = self.balls.chunks(LANES * LANES);
         self.groups.clear();
-        (self.groups).extend(groups.map(|balls| Balls::about(balls.chunks(LANES))));
+        (self.groups).extend(fours_of_groups.map(|balls| Balls::about(balls.chunks(LANES))));
     }
 
     /// The balls, four at a time, in the order of [`PointShell::occupied`].
@@ -91,7 +90,7 @@ impl BoundingVolumes {
         &self.balls
     }
 
-    /// Balls about each [`GROUP`] of these.
+    /// Balls about each sixteen of these, four at a time.
     pub(super) fn groups(&self) -> &[Balls] {
         &self.groups
     }
@@ -231,5 +230,76 @@ fn middle(balls: &[Balls]) -> Vec3 {
         Vec3::new(x, y, z) / n
     } else {
         Vec3::zeros()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contact::{ShellPoints, boundary_points};
+    use crate::geometry::block_mesh;
+
+    /// A block's shell, and its nodes moved without pattern.
+    fn block() -> (PointShell, Vec<Matrix3x4<f32>>) {
+        let mesh = block_mesh(Vec3::zeros(), Vec3::new(12.0, 8.0, 6.0), [6, 4, 3]);
+        let points = boundary_points(&mesh, 3);
+        let cells: Vec<u32> = points.iter().map(|p| p.tet).collect();
+        let shell = PointShell::group(&ShellPoints::new(points.into()), &cells, mesh.tets().len());
+        let noise = |i: usize| 0.3 * (12.9898 * i as f32).sin();
+        let cell = |t: usize| {
+            let nodes = mesh.corners(t).map(|x| x.map(|v| v as f32));
+            Matrix3x4::from_columns(&nodes).map_with_location(|r, c, v| v + noise(t + 7 * r + c))
+        };
+        let deformation = (0..mesh.tets().len()).map(cell).collect();
+        (shell, deformation)
+    }
+
+    fn bits(balls: &[Balls]) -> Vec<u32> {
+        let numbers = balls.iter().flat_map(|b| b.numbers).flatten();
+        numbers.map(f32::to_bits).collect()
+    }
+
+    #[test]
+    fn volumes_hold_the_points_of_their_cells_and_groups_their_volumes() {
+        let (shell, deformation) = block();
+        let volumes = BoundingVolumes::new(&shell, &deformation);
+        let distance =
+            |a: &[f32; 3], b: &[f32; 3]| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f32>().sqrt();
+        for (place, &cell) in shell.occupied().iter().enumerate() {
+            let (centre, radius) = volumes.ball(place).unwrap();
+            for k in shell.places(cell as usize..cell as usize + 1) {
+                let weights = nalgebra::Vector4::from(shell.weights(k).unwrap());
+                let p: [f32; 3] = (deformation[cell as usize] * weights).into();
+                assert!(distance(&p, &centre) <= radius + 1e-4);
+            }
+            let (group, l) = (place / 64, place / 16 % 4);
+            let [x, y, z, around] = volumes.groups()[group].numbers.map(|n| n[l]);
+            assert!(distance(&[x, y, z], &centre) + radius <= around + 1e-4);
+        }
+        assert!(shell.occupied().len() > 100);
+    }
+
+    #[test]
+    fn cells_that_moved_are_renewed_as_all_would_be() {
+        let (shell, mut deformation) = block();
+        let mut volumes = BoundingVolumes::new(&shell, &deformation);
+        let moved: Vec<u32> = (0..deformation.len() as u32)
+            .filter(|c| c % 5 == 2)
+            .collect();
+        for c in &moved {
+            deformation[*c as usize].add_scalar_mut(0.7);
+        }
+        // A bone that has blown up is nowhere, and its neighbours stay where they are.
+        let lost = *shell.occupied().iter().find(|c| *c % 5 == 2).unwrap();
+        deformation[lost as usize][(1, 2)] = f32::NAN;
+        volumes.update_cells(&shell, &deformation, &moved);
+        let anew = BoundingVolumes::new(&shell, &deformation);
+        assert_eq!(bits(volumes.balls()), bits(anew.balls()));
+        assert_eq!(bits(volumes.groups()), bits(anew.groups()));
+        let place = shell.occupied().binary_search(&lost).unwrap();
+        assert!(anew.ball(place).unwrap().1.is_nan());
+        let known = (0..shell.occupied().len()).filter(|p| !anew.ball(*p).unwrap().1.is_nan());
+        assert_eq!(known.count(), shell.occupied().len() - 1);
+        assert!(anew.middle().iter().all(|v| v.is_finite()));
     }
 }

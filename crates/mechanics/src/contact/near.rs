@@ -162,7 +162,7 @@ impl NearPoints {
     pub fn with_capacity(n_points: usize) -> Self {
         Self {
             around: Around {
-                points: Points::with_capacity(n_points),
+                points: Points::with_capacity(2 * n_points),
                 found: None,
             },
             points: Points::with_capacity(n_points),
@@ -362,7 +362,8 @@ impl Found {
         let turn = |pose: &Pose| *pose.rotation.to_rotation_matrix().matrix();
         let turned = turn(to) - turn(&self.at);
         let shift = to.translation.vector - self.at.translation.vector;
-        let (low, high) = (&shape.bounds.min, &shape.bounds.max);
+        let reach = shape.reach().grown(f64::from(MARGIN));
+        let (low, high) = (reach.min, reach.max);
         let farthest = |back: f64| {
             let z = [back.clamp(low.z, high.z), high.z];
             let way2 = |k: usize| {

@@ -113,15 +113,24 @@ pub(super) struct Faces {
 impl RigidShape {
     pub(super) fn faces(&self) -> Faces {
         let (low, high) = (&self.bounds.min, &self.bounds.max);
-        let beside = |[right, left]: &[DistanceGrid; 2]| {
-            [left.bounds().min.y as f32, right.bounds().max.y as f32]
-        };
+        let reach = self.reach();
+        let beside = [reach.min.y as f32, reach.max.y as f32];
         Faces {
             low: [0, 1, 2].map(|k| low[k] as f32),
             high: [0, 1, 2].map(|k| high[k] as f32),
             bevels: self.bevels,
-            beside: self.sided.as_ref().map(beside),
+            beside: self.sided.as_ref().map(|_| beside),
         }
+    }
+
+    /// Where contacts can be: the body's box, and on both sides of a blade as far as distances to its sides are known.
+    pub(super) fn reach(&self) -> Aabb {
+        let mut reach = self.bounds;
+        if let Some([right, left]) = &self.sided {
+            reach.min.y = left.bounds().min.y;
+            reach.max.y = right.bounds().max.y;
+        }
+        reach
     }
 }
 
