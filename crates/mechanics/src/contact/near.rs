@@ -13,7 +13,7 @@ const MARGIN: f32 = 0.25;
 pub(super) const TURN: f32 = 0.05;
 
 /// They are picked among those within this distance \[mm\], which are looked for in the bone: a trial step is at most 1 mm.
-const AROUND: f32 = 1.5;
+const AROUND: f32 = 2.25;
 
 /// Within this distance of a blade \[mm\] the bone is looked at to know how far back along it there is any.
 const AFAR: f32 = 5.0;
@@ -233,6 +233,22 @@ impl NearPoints {
         self.found.as_ref().is_some_and(near)
     }
 
+    /// Whether those near the shape at `world_from_shape` can be picked without another look at the bone.
+    pub(super) fn knows(
+        &self,
+        shape: &RigidShape,
+        world_from_shape: &Pose,
+        scene: &ContactScene,
+    ) -> bool {
+        self.around.serves(shape, world_from_shape, scene)
+    }
+
+    /// The surroundings, if they are of the same state as the points: places give theirs away.
+    fn own_around(&self) -> Option<&Around> {
+        let state = |found: &Option<Found>| found.as_ref().map(|f| f.state);
+        (state(&self.around.found) == state(&self.found)).then_some(&self.around)
+    }
+
     /// Takes over what another place of the same shape knows about its surroundings, and gives away its own.
     pub(super) fn take_around(&mut self, other: &mut Self) {
         std::mem::swap(&mut self.around, &mut other.around);
@@ -265,7 +281,7 @@ impl NearPoints {
         let search = Search::new(shape, world_from_shape, scene);
         self.points.clear();
         self.n_dropped = 0;
-        let lent = lent.map(|near| &near.around);
+        let lent = lent.and_then(Self::own_around);
         let lent = lent.filter(|l| l.holds(shape, world_from_shape));
         let mut from = &self.around;
         if !from.serves(shape, world_from_shape, scene) {

@@ -38,10 +38,15 @@ impl NearPlaces {
         let oldest = (0..N_PLACES).min_by_key(|k| self.used[*k]).unwrap_or(0);
         let serving = self.places.iter().position(serves);
         let place = serving.unwrap_or(oldest);
-        if serving.is_none()
-            && let Ok([near, last]) = self.places.get_disjoint_mut([place, self.last])
-        {
-            near.take_around(last);
+        if serving.is_none() {
+            // The surroundings of another place may do: then only the points there change hands.
+            let knows = |near: &NearPoints| near.knows(shape, world_from_shape, scene);
+            let knowing = self.places.iter().position(knows);
+            if let Some(k) = knowing
+                && let Ok([near, other]) = self.places.get_disjoint_mut([place, k])
+            {
+                near.take_around(other);
+            }
         }
         self.used[place] = self.used[self.last] + 1;
         self.last = place;
