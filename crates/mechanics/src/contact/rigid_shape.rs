@@ -198,7 +198,6 @@ impl Faces {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::tool::{Chisel, ChiselParameters};
 
     /// What the fields call inside is inside the faces, for points of the surface and of walls on either side.
