@@ -52,7 +52,7 @@ fn query(n: usize) {
     let pose = downward(Vec3::new(-7.0, 0.4, -2.0), Vec3::new(0.02, 0.01, 0.2));
     let scene = block.scene();
     let room = block.points.len();
-    let [mut near, mut plain_near] = [0; 2].map(|_| NearPoints::with_capacity(4096, room));
+    let [mut near, mut plain_near] = [0; 2].map(|_| NearPoints::with_capacity(room));
     let [mut found, mut plain_found] = [0; 2].map(|_| Vec::with_capacity(room));
     let find = median(|_| near.find(shape, &pose, &scene));
     let plain_find = median(|_| plain_near.find_in::<f32>(shape, &pose, &scene));

@@ -11,17 +11,8 @@ use osteotome_mechanics::tool::ToolModel;
 use support::{Block, aside, downward, model, moved, noise};
 
 fn contacts(model: &ToolModel, block: &Block, pose: &Pose) -> Vec<Contact> {
-    contacts_with_room(4096, model, block, pose)
-}
-
-fn contacts_with_room(
-    n_cells: usize,
-    model: &ToolModel,
-    block: &Block,
-    pose: &Pose,
-) -> Vec<Contact> {
     let shape = &model.tools[0].shape;
-    let mut near = NearPoints::with_capacity(n_cells, 16_384);
+    let mut near = NearPoints::with_capacity(16_384);
     near.find(shape, pose, &block.scene());
     let mut found = Vec::with_capacity(16_384);
     penetrations(shape, pose, &near, &mut found);
@@ -74,24 +65,6 @@ fn the_query_finds_what_brute_force_finds() {
     assert!(
         total > 1000,
         "only {total} contacts: the poses miss the block"
-    );
-}
-
-/// The room is for cells near a tool; how many the bone has, and so their numbers, does not matter.
-#[test]
-fn cells_of_high_number_are_found_too() {
-    let block = Block::still(8);
-    let model = model(0.0);
-    let room = block.shell.n_cells() / 3;
-    let mut highest = 0;
-    for pose in random_poses(40) {
-        let found = contacts(&model, &block, &pose);
-        assert_eq!(contacts_with_room(room, &model, &block, &pose), found);
-        highest = found.iter().map(|c| c.cell).fold(highest, u32::max);
-    }
-    assert!(
-        highest as usize > room,
-        "no cell beyond the room is touched"
     );
 }
 
@@ -403,47 +376,80 @@ fn a_blade_ahead_of_the_crack_pushes_both_walls_apart() {
     assert!(push(1.0, false).iter().all(|f| f.force.y < 0.0));
 }
 
-/// Points found once serve as long as shape and bone stay near where they were: the contacts are those of a search at each step, but for
-/// what rounding decides. The blade wanders and twists.
+/// Points found once serve as long as shape and bone stay near where they were: the contacts are those of a search at each step, to the
+/// last bit. The blade wanders, twists and tilts, for some time in one state of the bone.
 #[test]
 fn near_points_are_kept_without_losing_a_contact() {
     let block = Block::still(16);
     let model = model(0.0);
-    let shape = &model.tools[0].shape;
-    let scene = ContactScene {
-        state: 7,
-        ..block.scene()
-    };
-    let mut near = NearPoints::with_capacity(4096, 16_384);
-    let mut kept = Vec::with_capacity(16_384);
+    let mut kept = Kept::default();
     let mut random = noise(11);
     let mut pose = downward(Vec3::new(-6.0, 0.4, -1.0), Vec3::zeros());
-    let mut n_contacts = 0;
-    for step in 0..400 {
-        let most = [0.06, 0.06, 0.06, 0.001, 0.001, 0.02];
+    for _ in 0..400 {
+        let most = [0.06, 0.06, 0.06, 0.005, 0.005, 0.02];
         let motion = most.map(|most| random() * most);
         let towards = -1.0 - pose.translation.vector.z;
         pose = moved(&pose, &motion);
         pose.translation.vector.z += 0.1 * towards;
-        near.follow(shape, &pose, &scene);
-        penetrations(shape, &pose, &near, &mut kept);
-        let anew = contacts(&model, &block, &pose);
-        assert_alike(&kept, &anew, step);
-        assert_alike(&anew, &kept, step);
-        n_contacts += kept.len();
+        kept.check(&model, &block, &pose);
     }
-    assert!(n_contacts > 400, "{n_contacts}: hardly touched");
+    assert!(kept.n > 400, "{}: hardly touched", kept.n);
 }
 
-/// Every contact of `some` is among `others`, as deep, but for those as shallow as rounding.
-fn assert_alike(some: &[Contact], others: &[Contact], step: usize) {
-    const ROUNDING: f32 = 5e-5;
-    for contact in some {
-        let same = others
-            .iter()
-            .any(|o| o.id == contact.id && (o.depth - contact.depth).abs() < ROUNDING);
-        assert!(same || contact.depth < ROUNDING, "step {step}: {contact:?}");
+/// Contacts of near points that are kept, against those of points found anew.
+struct Kept {
+    near: NearPoints,
+    found: Vec<Contact>,
+    /// All contacts so far.
+    n: usize,
+}
+
+impl Default for Kept {
+    fn default() -> Self {
+        Self {
+            near: NearPoints::with_capacity(16_384),
+            found: Vec::with_capacity(16_384),
+            n: 0,
+        }
     }
+}
+
+impl Kept {
+    fn check(&mut self, model: &ToolModel, block: &Block, pose: &Pose) {
+        let scene = ContactScene {
+            state: 7,
+            ..block.scene()
+        };
+        let shape = &model.tools[0].shape;
+        self.near.follow(shape, pose, &scene);
+        penetrations(shape, pose, &self.near, &mut self.found);
+        assert_eq!(self.found, contacts(model, block, pose));
+        self.n += self.found.len();
+    }
+}
+
+/// Likewise of walls at the narrow sides of a blade and before its edge. There the depth behind a wall's own side falls three times as
+/// fast as the blade moves, and a wall on the blade's far side is near nothing else of it.
+#[test]
+fn walls_at_a_blades_ends_are_kept_too() {
+    let block = walled(Block::still(16));
+    let model = model(0.0);
+    let mut random = noise(5);
+    let mut n_contacts = 0;
+    for start in 0..40 {
+        let mut kept = Kept::default();
+        let at = Vec3::new(15.0 * random(), 10.0 * random(), -1.0 - random().abs());
+        let mut pose = downward(at, Vec3::new(0.0, 0.0, 3.0 * random()));
+        // Along the blade's width, or the way that it is driven.
+        let axis = if start % 2 == 0 { Vec3::x() } else { Vec3::z() };
+        let way = pose.rotation * axis * random().signum();
+        for _ in 0..20 {
+            pose.translation.vector += way * 0.02;
+            kept.check(&model, &block, &pose);
+        }
+        n_contacts += kept.n;
+    }
+    assert!(n_contacts > 4000, "{n_contacts}: hardly touched");
 }
 
 /// A block whose points are by turns of its surface and of walls.
@@ -472,7 +478,7 @@ fn four_lanes_are_one_lane_four_times() {
     }));
     let model = model(0.0);
     let shape = &model.tools[0].shape;
-    let mut near = [0; 2].map(|_| NearPoints::with_capacity(4096, 16_384));
+    let mut near = [0; 2].map(|_| NearPoints::with_capacity(16_384));
     let mut found = [0; 2].map(|_| Vec::with_capacity(16_384));
     let mut n_contacts = 0;
     for pose in random_poses(60) {
@@ -497,7 +503,7 @@ fn the_deepest_points_are_never_dropped() {
     let pose = downward(Vec3::new(-6.0, 0.4, -1.2), Vec3::new(0.2, 0.0, 0.1));
     let all = contacts(&model, &block, &pose);
     let room = all.len() / 3;
-    let mut near = NearPoints::with_capacity(4096, room);
+    let mut near = NearPoints::with_capacity(room);
     near.find(shape, &pose, &block.scene());
     let mut found = Vec::with_capacity(room);
     penetrations(shape, &pose, &near, &mut found);

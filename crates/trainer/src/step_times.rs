@@ -44,7 +44,7 @@ impl StepTimes {
     pub fn contact(&mut self, engine: &Engine, tools: &ToolModel, hands: &[Vec<HandSample>; 2]) {
         let (bone, whole) = (engine.main.bone(), engine.main.whole_state());
         let scene = whole.scene(bone);
-        let mut near = [0, 1].map(|_| NearPoints::with_capacity(ROOM, ROOM));
+        let mut near = [0, 1].map(|_| NearPoints::with_capacity(ROOM));
         let mut found = [0, 1].map(|_| Vec::with_capacity(ROOM));
         let n = hands[0].len();
         let apart = (n / STRETCHES).max(STRETCH);

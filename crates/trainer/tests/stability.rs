@@ -6,7 +6,7 @@
 //! heavy device swings for a second by itself); the loop creates less than 1 % of the energy that the hand puts in, or less than
 //! the encoders can see (peak force times their resolution); no force
 //! above 1.5 times what an ideal spring of the same stiffness would show to the same hand (a light hand on a stiff spring
-//! overshoots by itself). The default run takes the extreme hands; `OSTEOTOME_LONG=1` takes all corners and looks for the
+//! overshoots by itself), nor above 1.5 times the steady force where the hand on that spring would not overshoot. The default run takes the extreme hands; `OSTEOTOME_LONG=1` takes all corners and looks for the
 //! stiffest coupling at which all holds (docs/performance.md).
 mod rig;
 
@@ -61,6 +61,8 @@ fn judge(rig: &Rig, device: &Device, swing: Option<f64>) -> Result<(), String> {
 struct Ideal {
     peak: f64,
     swing: f64,
+    /// At the end, on average.
+    steady: f64,
 }
 
 impl Ideal {
@@ -91,8 +93,13 @@ impl Ideal {
         Self {
             peak: shown.iter().copied().fold(0.0, f64::max),
             swing: highest - lowest,
+            steady: mean(last),
         }
     }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// Comes down at `speed` \[mm/s\], is held for .6 s 4 mm below the surface, and goes back up.
@@ -111,9 +118,14 @@ fn press(device: Device, hand: Hand, speed: f64, tilt: f64, stiffness: f64) -> R
         rig.advance([at(height(f64::from(ms) * 1e-3)), aside()]);
     }
     let seconds = f64::from(down + 600) * 1e-3;
-    let Ideal { peak: ideal, swing } = Ideal::new(device, hand, stiffness, seconds, height);
-    judge(&rig, &device, Some(swing))?;
+    let spring = Ideal::new(device, hand, stiffness, seconds, height);
+    let ideal = spring.peak;
+    judge(&rig, &device, Some(spring.swing))?;
     let shown = rig.forces.iter().fold(0.0f64, |m, f| m.max(*f));
+    let steady = mean(&rig.forces[rig.forces.len() - 200..]);
+    if ideal < 1.1 * spring.steady && shown > 1.5 * steady {
+        return Err(format!("a spike of {shown:.2} N before {steady:.2} N"));
+    }
     if shown > 1.5 * ideal {
         return Err(format!("a spike of {shown:.2} N, ideally {ideal:.2} N"));
     }

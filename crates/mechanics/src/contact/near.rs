@@ -1,26 +1,32 @@
 //! The points of the bone near a shape: found once, used as long as shape and bone stay about where they are.
 use super::point_shell::BlockPoints;
 use super::query::{ContactScene, FromCell, IntoShape};
-use super::rigid_shape::SIDE_DEPTH;
+use super::rigid_shape::Faces;
 use super::{BoundingVolumes, RigidShape};
-use crate::geometry::{Aabb, LANES, Lanes, Pose, Vec3, set_bits};
+use crate::geometry::{LANES, Lanes, Pose, Vec3, set_bits};
 use wide::f32x4;
 
-/// Points within this distance of a shape \[mm\] are kept: the shape may move as far before they are looked for again. Less than
-/// the margin of the shapes' grids, which know nothing beyond.
+/// Points within this distance of a shape \[mm\] are kept: the shape may move as far before others are picked.
 const MARGIN: f32 = 0.25;
 
 /// Neither may it turn by more than this \[rad\]: whether a wall looks at a side of a blade is asked with as much to spare.
 pub(super) const TURN: f32 = 0.05;
 
+/// They are picked among those within this distance \[mm\], which are looked for in the bone: a trial step is at most 1 mm.
+const AROUND: f32 = 2.25;
+
+/// Within this distance of a blade \[mm\] the bone is looked at to know how far back along it there is any.
+const AFAR: f32 = 5.0;
+
+/// Rounding of f32 at the coordinates of a head \[mm\].
+const ROUNDING: f32 = 1e-3;
+
 /// The points near one shape, by ascending cell, then place, and the memory to find them. Nothing here allocates after
 /// construction.
 #[derive(Debug)]
 pub struct NearPoints {
-    cells: NearCells,
-    fours: Vec<NearFour>,
-    n_points: usize,
-    n_room: usize,
+    around: Around,
+    points: Points,
     found: Option<Found>,
     n_dropped: usize,
 }
@@ -30,12 +36,16 @@ pub struct NearPoints {
 struct Found {
     at: Pose,
     state: u64,
+    /// Of the scene's volumes.
+    middle: Vec3,
+    /// Farther back along the shape than this (z in its frame, \[mm\]) there was no bone within [`AFAR`].
+    back: f32,
 }
 
-/// Four near points, fewer at the end. Places without a point have positions that are NaN: they are nowhere.
+/// Four points, fewer at the end. Places without a point have positions that are NaN: they are nowhere.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NearFour {
-    /// In the frame of the shape as it stood when they were found: within one state of the scene they do not move.
+    /// From the middle of the scene's volumes, in the world's axes: they hang on the state alone, not on where a shape was.
     pub positions: [[f32; LANES]; 3],
     pub normals: [[f32; LANES]; 3],
     pub areas: [f32; LANES],
@@ -55,30 +65,107 @@ impl NearFour {
     };
 }
 
-/// A copy made into memory that is there copies the points alone: what it looks for points with stays its own.
+/// A list of points.
+#[derive(Debug)]
+struct Points {
+    fours: Vec<NearFour>,
+    n: usize,
+    n_room: usize,
+}
+
+impl Points {
+    fn with_capacity(n_room: usize) -> Self {
+        Self {
+            fours: Vec::with_capacity(n_room.div_ceil(LANES)),
+            n: 0,
+            n_room,
+        }
+    }
+
+    fn clear(&mut self) {
+        self.fours.clear();
+        self.n = 0;
+    }
+
+    fn copy(&mut self, other: &Self) {
+        self.fours.clone_from(&other.fours);
+        self.n = other.n;
+        self.n_room = self.n_room.max(other.n_room);
+    }
+
+    /// The next place, with the number of its lane; none if there is no room.
+    fn next(&mut self) -> Option<(&mut NearFour, usize)> {
+        if self.n == self.n_room {
+            return None;
+        }
+        let at = self.n % LANES;
+        if at == 0 {
+            self.fours.push(NearFour::EMPTY);
+        }
+        self.n += 1;
+        Some((self.fours.last_mut()?, at))
+    }
+
+    /// Point `k` of a block.
+    fn put(&mut self, cell: u32, block: &BlockPoints, k: usize, position: [f32; 3]) -> bool {
+        let Some((four, at)) = self.next() else {
+            return false;
+        };
+        for (to, from) in four.positions.iter_mut().zip(position) {
+            to[at] = from;
+        }
+        for (to, from) in four.normals.iter_mut().zip(block.normals) {
+            to[at] = from[k];
+        }
+        four.areas[at] = block.areas[k];
+        four.cells[at] = cell;
+        four.places[at] = (block.first + k) as u32;
+        four.ids[at] = block.ids[k];
+        true
+    }
+
+    /// Point `l` of four.
+    fn pick(&mut self, from: &NearFour, l: usize) {
+        let Some((four, at)) = self.next() else {
+            return;
+        };
+        for k in 0..3 {
+            four.positions[k][at] = from.positions[k][l];
+            four.normals[k][at] = from.normals[k][l];
+        }
+        four.areas[at] = from.areas[l];
+        four.cells[at] = from.cells[l];
+        four.places[at] = from.places[l];
+        four.ids[at] = from.ids[l];
+    }
+}
+
+/// A copy made into memory that is there.
 impl Clone for NearPoints {
     fn clone(&self) -> Self {
-        let mut copy = Self::with_capacity(self.cells.cells.capacity(), self.n_room);
+        let mut copy = Self::with_capacity(self.points.n_room);
         copy.clone_from(self);
         copy
     }
 
     fn clone_from(&mut self, other: &Self) {
-        self.fours.clone_from(&other.fours);
-        self.n_points = other.n_points;
+        self.around.points.copy(&other.around.points);
+        self.around.found = other.around.found;
+        self.points.copy(&other.points);
         self.found = other.found;
         self.n_dropped = other.n_dropped;
     }
 }
 
 impl NearPoints {
-    /// Room for `n_cells` near cells and `n_points` near points.
-    pub fn with_capacity(n_cells: usize, n_points: usize) -> Self {
+    /// Room for `n_points` near points.
+    pub fn with_capacity(n_points: usize) -> Self {
         Self {
-            cells: NearCells::with_capacity(n_cells),
-            fours: Vec::with_capacity(n_points.div_ceil(LANES)),
-            n_points: 0,
-            n_room: n_points,
+            around: Around {
+                points: Points::with_capacity(2 * n_points),
+                found: None,
+            },
+            points: Points::with_capacity(n_points),
             found: None,
             n_dropped: 0,
         }
@@ -86,12 +173,12 @@ impl NearPoints {
 
     /// How many points there are.
     pub fn len(&self) -> usize {
-        self.n_points
+        self.points.n
     }
 
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.n_points == 0
+        self.points.n == 0
     }
 
     /// How many points found no room. The deepest never are among them.
@@ -100,12 +187,12 @@ impl NearPoints {
     }
 
     pub(super) fn fours(&self) -> &[NearFour] {
-        &self.fours
+        &self.points.fours
     }
 
-    /// Where the shape stood when they were found.
-    pub(super) fn found_at(&self) -> Option<&Pose> {
-        self.found.as_ref().map(|f| &f.at)
+    /// What their positions are from.
+    pub(super) fn middle(&self) -> Option<&Vec3> {
+        self.found.as_ref().map(|f| &f.middle)
     }
 
     /// Makes sure that the points near the shape at `world_from_shape` are here. Looks for them only if the scene is in another
@@ -122,7 +209,7 @@ impl NearPoints {
         scene: &ContactScene,
     ) {
         if !self.serves(shape, world_from_shape, scene) {
-            self.find_in::<L>(shape, world_from_shape, scene);
+            self.renew::<L>(shape, world_from_shape, scene, None);
         }
     }
 
@@ -140,15 +227,31 @@ impl NearPoints {
     /// Whether they serve the shape at `world_from_shape` in the state in which they were found.
     pub fn holds(&self, shape: &RigidShape, world_from_shape: &Pose) -> bool {
         let near = |f: &Found| {
-            way(shape, &f.at, world_from_shape) < f64::from(MARGIN - ROUNDING)
+            f.way(shape, world_from_shape) < f64::from(MARGIN - ROUNDING)
                 && f.at.rotation.angle_to(&world_from_shape.rotation) < f64::from(TURN)
         };
         self.found.as_ref().is_some_and(near)
     }
 
-    /// Takes over the cells that another place of the same shape knows about it, and gives away its own.
-    pub(super) fn take_cells(&mut self, other: &mut Self) {
-        std::mem::swap(&mut self.cells, &mut other.cells);
+    /// Whether those near the shape at `world_from_shape` can be picked without another look at the bone.
+    pub(super) fn knows(
+        &self,
+        shape: &RigidShape,
+        world_from_shape: &Pose,
+        scene: &ContactScene,
+    ) -> bool {
+        self.around.serves(shape, world_from_shape, scene)
+    }
+
+    /// The surroundings, if they are of the same state as the points: places give theirs away.
+    fn own_around(&self) -> Option<&Around> {
+        let state = |found: &Option<Found>| found.as_ref().map(|f| f.state);
+        (state(&self.around.found) == state(&self.found)).then_some(&self.around)
+    }
+
+    /// Takes over what another place of the same shape knows about its surroundings, and gives away its own.
+    pub(super) fn take_around(&mut self, other: &mut Self) {
+        std::mem::swap(&mut self.around, &mut other.around);
     }
 
     /// As [`follow`](Self::follow), from anew.
@@ -163,103 +266,135 @@ impl NearPoints {
         world_from_shape: &Pose,
         scene: &ContactScene,
     ) {
-        let search = Search {
-            shape,
-            into: IntoShape::new(world_from_shape),
-            scene,
-        };
-        self.cells.find::<L>(&search, world_from_shape);
-        let depths = self.collect::<L>(&search, f32::NEG_INFINITY);
-        self.n_dropped = depths.n.saturating_sub(self.n_points);
-        if self.n_dropped > 0 {
-            self.collect::<L>(&search, depths.deepest(self.n_room));
-            self.n_dropped = depths.n.saturating_sub(self.n_points);
+        self.around.found = None;
+        self.renew::<L>(shape, world_from_shape, scene, None);
+    }
+
+    /// Picks them anew from what is known of the surroundings, by itself or in the same state by `lent`, or else looks there.
+    pub(super) fn renew<L: Lanes>(
+        &mut self,
+        shape: &RigidShape,
+        world_from_shape: &Pose,
+        scene: &ContactScene,
+        lent: Option<&Self>,
+    ) {
+        let search = Search::new(shape, world_from_shape, scene);
+        self.points.clear();
+        self.n_dropped = 0;
+        let lent = lent.and_then(Self::own_around);
+        let lent = lent.filter(|l| l.holds(shape, world_from_shape));
+        let mut from = &self.around;
+        if !from.serves(shape, world_from_shape, scene) {
+            if let Some(lent) = lent {
+                from = lent;
+            } else {
+                self.around.look::<L>(&search, world_from_shape, scene);
+                from = &self.around;
+            }
+        }
+        match from.found {
+            Some(_) => self.points.pick_near::<L>(&from.points, &search),
+            None => self.n_dropped = self.points.find_deepest::<L>(&search),
         }
         self.found = Some(Found {
             at: *world_from_shape,
             state: scene.state,
+            middle: *scene.volumes.middle(),
+            back: from.found.map_or(f32::NEG_INFINITY, |f| f.back),
         });
     }
+}
 
-    /// Gathers the near points that are deeper than `deeper` (negative outside) while there is room, and counts all.
-    fn collect<L: Lanes>(&mut self, search: &Search, deeper: f32) -> Depths {
-        let mut depths = Depths::default();
-        self.fours.clear();
-        self.n_points = 0;
-        for first in (0..self.cells.cells.len()).step_by(L::N) {
-            let mut cells = [0; LANES];
-            let left = &self.cells.cells[first..];
-            let n = left.len().min(L::N);
-            cells[..n].copy_from_slice(&left[..n]);
-            let (from_cells, near) = search.cells_near::<L>(&cells[..n]);
+impl Points {
+    /// Picks those near the shape.
+    fn pick_near<L: Lanes>(&mut self, around: &Self, search: &Search) {
+        for four in &around.fours {
+            let near = (0..LANES).step_by(L::N).fold(0, |near, at| {
+                let positions = four.positions.each_ref().map(|p| L::load(p, at));
+                near | search.near::<L>(positions, four.normals.each_ref(), at) << at
+            });
             for l in set_bits(near) {
-                let (cell, from_cell) = (cells[l], &from_cells[l]);
-                let mut found = FoundInCell {
-                    cell,
-                    deeper,
-                    depths: &mut depths,
-                    near: self,
-                };
-                search.blocks_near::<L>(cell as usize, from_cell, |block| {
-                    search.points_near::<L>(block, from_cell, &mut found);
-                });
+                self.pick(four, l);
             }
         }
-        depths
+    }
+
+    /// Finds those near the shape straight in the bone, the deepest first if there is no room for all; how many found none.
+    fn find_deepest<L: Lanes>(&mut self, search: &Search) -> usize {
+        let mut depths = Depths::default();
+        search.each_about::<L>(MARGIN, |_, block, k, position| {
+            depths.add(search.depth(block, k, position));
+            true
+        });
+        let deeper = depths.deepest(self.n_room);
+        search.each_about::<L>(MARGIN, |cell, block, k, position| {
+            search.depth(block, k, position) <= deeper || self.put(cell, block, k, position)
+        });
+        depths.n - self.n
     }
 }
 
-/// Where the near points of one cell are put.
-struct FoundInCell<'a> {
-    near: &'a mut NearPoints,
-    cell: u32,
-    deeper: f32,
-    depths: &'a mut Depths,
+/// The points within [`AROUND`] of a shape.
+#[derive(Debug)]
+struct Around {
+    points: Points,
+    /// None if there was no room for all.
+    found: Option<Found>,
 }
 
-impl FoundInCell<'_> {
-    /// Point `k` of a block, at `position` in the shape's frame.
-    fn put(&mut self, block: &BlockPoints, k: usize, position: [f32; 3], distance: f32) {
-        self.depths.add(-distance);
-        let near = &mut *self.near;
-        if -distance <= self.deeper || near.n_points == near.n_room {
-            return;
-        }
-        let at = near.n_points % LANES;
-        if at == 0 {
-            near.fours.push(NearFour::EMPTY);
-        }
-        let Some(four) = near.fours.last_mut() else {
-            return;
+impl Around {
+    fn serves(&self, shape: &RigidShape, world_from_shape: &Pose, scene: &ContactScene) -> bool {
+        let is_seen = |f: &Found| scene.state != 0 && f.state == scene.state;
+        self.found.as_ref().is_some_and(is_seen) && self.holds(shape, world_from_shape)
+    }
+
+    /// Whether all points near the shape at `world_from_shape` are among these, in the state in which they were found.
+    fn holds(&self, shape: &RigidShape, world_from_shape: &Pose) -> bool {
+        let farthest = f64::from(AROUND - MARGIN - ROUNDING);
+        let has_all = |f: &Found| f.way(shape, world_from_shape) < farthest;
+        self.found.as_ref().is_some_and(has_all)
+    }
+
+    /// Looks for them.
+    fn look<L: Lanes>(&mut self, search: &Search, at: &Pose, scene: &ContactScene) {
+        self.points.clear();
+        let points = &mut self.points;
+        let is_all = search.each_about::<L>(AROUND, |cell, block, k, position| {
+            points.put(cell, block, k, position)
+        });
+        self.found = is_all.then_some(Found {
+            at: *at,
+            state: scene.state,
+            middle: *scene.volumes.middle(),
+            back: search.back::<L>(),
+        });
+    }
+}
+
+impl Found {
+    /// The farthest that a place moves \[mm\] that is tied to the shape and where bone may come into it: the way is longest at a corner of
+    /// a box around those. Infinite if bone may come there that was not looked at.
+    fn way(&self, shape: &RigidShape, to: &Pose) -> f64 {
+        let turn = |pose: &Pose| *pose.rotation.to_rotation_matrix().matrix();
+        let turned = turn(to) - turn(&self.at);
+        let shift = to.translation.vector - self.at.translation.vector;
+        let reach = shape.reach().grown(f64::from(MARGIN));
+        let (low, high) = (reach.min, reach.max);
+        let farthest = |back: f64| {
+            let z = [back.clamp(low.z, high.z), high.z];
+            let way2 = |k: usize| {
+                let (x, y) = ([low.x, high.x][k & 1], [low.y, high.y][k >> 1 & 1]);
+                (turned * Vec3::new(x, y, z[k >> 2 & 1]) + shift).norm_squared()
+            };
+            (0..8).map(way2).fold(0.0, f64::max).sqrt()
         };
-        for (to, from) in four.positions.iter_mut().zip(position) {
-            to[at] = from;
+        // A blade's handle moves most when it tilts, and no bone is there. Half: points are picked among those looked for elsewhere.
+        if farthest(low.z) < f64::from(0.5 * AFAR) {
+            farthest(f64::from(self.back - AFAR))
+        } else {
+            f64::INFINITY
         }
-        for (to, from) in four.normals.iter_mut().zip(block.normals) {
-            to[at] = from[k];
-        }
-        four.areas[at] = block.areas[k];
-        four.cells[at] = self.cell;
-        four.places[at] = (block.first + k) as u32;
-        four.ids[at] = block.ids[k];
-        near.n_points += 1;
     }
-}
-
-/// The farthest that a point moves \[mm\] that is tied to the shape and lies within the reach of contact: the way is longest at a corner
-/// of the box around those.
-fn way(shape: &RigidShape, from: &Pose, to: &Pose) -> f64 {
-    let bounds = shape.bounds.grown(f64::from(reach_beyond(shape, true)));
-    let turn = |pose: &Pose| *pose.rotation.to_rotation_matrix().matrix();
-    let (turned, shift) = (
-        turn(to) - turn(from),
-        to.translation.vector - from.translation.vector,
-    );
-    let way2 = |k: usize| {
-        let corner = |axis: usize| [bounds.min, bounds.max][k >> axis & 1][axis];
-        (turned * Vec3::new(corner(0), corner(1), corner(2)) + shift).norm_squared()
-    };
-    (0..8).map(way2).fold(0.0, f64::max).sqrt()
 }
 
 /// How many points lie how deep, to know which to leave out.
@@ -302,213 +437,160 @@ impl Depths {
     }
 }
 
-/// Cells near a shape.
-#[derive(Clone, Debug)]
-struct NearCells {
-    cells: Vec<u32>,
-    /// Places among the volumes of all that may come near while the shape moves by up to [`ABOUT`], ascending.
-    about: Vec<u32>,
-    /// Where the shape was then, and which boxes were hashed.
-    looked: Option<(Pose, u64)>,
-}
-
-/// A shape may move by this \[mm\] before the hash is asked again for the cells about it: a trial step is at most 1 mm.
-const ABOUT: f32 = 1.5;
-
-/// A shape is looked up in this many slices along its longest axis, so that a slanted blade does not drag in the cells
-/// of the whole box around it.
-const SLICES: usize = 5;
-/// Rounding of f32 at the coordinates of a head \[mm\].
-const ROUNDING: f32 = 1e-3;
-
-impl NearCells {
-    fn with_capacity(n_cells: usize) -> Self {
-        Self {
-            cells: Vec::with_capacity(n_cells),
-            // The balls are larger than the volumes, and these are to be those of a while.
-            about: Vec::with_capacity(4 * n_cells),
-            looked: None,
-        }
-    }
-
-    /// Finds the cells whose volumes may hold points near the shape, ascending.
-    fn find<L: Lanes>(&mut self, search: &Search, world_from_shape: &Pose) {
-        let (shape, volumes) = (search.shape, search.scene.volumes);
-        let serves = |(at, hash): &(Pose, u64)| {
-            *hash == volumes.hash_number()
-                && way(shape, at, world_from_shape) < f64::from(ABOUT - ROUNDING)
-        };
-        if !self.looked.as_ref().is_some_and(serves) {
-            let found_room = self.look_about::<L>(search, ABOUT);
-            self.looked = found_room.then_some((*world_from_shape, volumes.hash_number()));
-            if !found_room {
-                self.look_about::<L>(search, 0.0);
-            }
-        }
-        self.cells.clear();
-        for some in self.about.chunks(L::N) {
-            let volume = |place| volumes.at(place).map(|(_, volume)| volume);
-            let near = boxes_near::<L>(shape, &search.into, some, 0.0, volume);
-            let cells = set_bits(near).filter_map(|l| volumes.at(some[l]));
-            self.cells.extend(cells.map(|(cell, _)| cell));
-        }
-    }
-
-    /// Looks through all cells for those about the shape: what is cheap for each is sooner done than a hash is asked for many. Whether
-    /// there was room for all.
-    fn look_about<L: Lanes>(&mut self, search: &Search, way: f32) -> bool {
-        self.about.clear();
-        let volumes = search.scene.volumes;
-        let (origin, reach) = (search.into.origin(), reach_beyond(search.shape, true));
-        for (first, balls) in (0..).step_by(LANES).zip(volumes.balls()) {
-            for at in (0..LANES).step_by(L::N) {
-                let [x, y, z, radius] = balls.numbers.each_ref().map(|n| L::load(n, at));
-                let [a, b, c] = origin.map(L::splat);
-                let centre = search.into.turned([x - a, y - b, z - c]);
-                let radius = radius + L::splat(way + ROUNDING);
-                let away = balls_away(search.shape, centre, radius, L::splat(reach));
-                let near = !L::bits(away) & ((1 << L::N) - 1);
-                for l in set_bits(near) {
-                    let place = first + (at + l) as u32;
-                    if place as usize >= volumes.len() {
-                        return true;
-                    }
-                    if self.about.len() == self.about.capacity() {
-                        return false;
-                    }
-                    self.about.push(place);
-                }
-            }
-        }
-        true
-    }
-}
-
-/// Calls `visit` with each cell whose volume may hold points near the shape, were they to move by `way` \[mm\]; one may come more than
-/// once.
+/// Calls `visit` with each of the `cells` that hold points whose volume may hold points near the shape, were they to move by `way`
+/// \[mm\]; ascending.
 pub fn cells_about(
     shape: &RigidShape,
     world_from_shape: &Pose,
     volumes: &BoundingVolumes,
+    cells: &[u32],
     way: f32,
     mut visit: impl FnMut(u32),
 ) {
-    let into = IntoShape::new(world_from_shape);
-    for_slices(shape, world_from_shape, way, |slice| {
-        volumes.query(slice, |cell, volume| {
-            if boxes_near::<f32>(shape, &into, &[cell], way, |_| Some(volume)) != 0 {
-                visit(cell);
+    let from_world = IntoShape::new(world_from_shape, &Vec3::zeros());
+    let balls = BallSearch {
+        faces: shape.faces(),
+        from_world: &from_world,
+        volumes,
+        within: MARGIN + way,
+    };
+    balls.each_near::<f32x4>(|place, _| cells.get(place).into_iter().for_each(|c| visit(*c)));
+}
+
+/// Looks through the volumes.
+struct BallSearch<'a> {
+    faces: Faces,
+    from_world: &'a IntoShape,
+    volumes: &'a BoundingVolumes,
+    within: f32,
+}
+
+impl BallSearch<'_> {
+    /// Calls `visit` with the place of each cell that may have points of walls near the shape, and whether other points could be, too.
+    fn each_near<L: Lanes>(&self, mut visit: impl FnMut(usize, bool)) {
+        let fours = self.volumes.balls();
+        for (first, groups) in (0..).step_by(LANES).zip(self.volumes.groups()) {
+            let (_, near_groups) = self.near::<L>(&groups.numbers);
+            for four in set_bits(near_groups).map(|l| LANES * (first + l)) {
+                let own = fours.iter().skip(four).take(LANES);
+                for (place, balls) in (LANES * four..).step_by(LANES).zip(own) {
+                    let (near, near_walls) = self.near::<L>(&balls.numbers);
+                    for l in set_bits(near_walls) {
+                        visit(place + l, near >> l & 1 == 1);
+                    }
+                }
             }
-        });
-    });
-}
-
-/// Calls `visit` with boxes that hold all that may be near the shape once it has moved by `way` \[mm\].
-fn for_slices(shape: &RigidShape, world_from_shape: &Pose, way: f32, mut visit: impl FnMut(&Aabb)) {
-    let reach = f64::from(way + reach_beyond(shape, true));
-    for slice in slices(&shape.bounds) {
-        visit(&slice.moved(world_from_shape).grown(reach));
+        }
     }
-}
 
-/// Which of up to as many boxes as there are lanes may hold points near the shape once it has moved by `way` \[mm\], a bit each.
-fn boxes_near<'a, L: Lanes>(
-    shape: &RigidShape,
-    into: &IntoShape,
-    places: &[u32],
-    way: f32,
-    of: impl Fn(u32) -> Option<&'a Aabb>,
-) -> u32 {
-    let Some(first) = places.first() else {
-        return 0;
-    };
-    let [x, y, z, radius] = L::columns(|l| {
-        of(*places.get(l).unwrap_or(first)).map_or([f32::NAN; 4], |b| {
-            let [x, y, z] = into.way_to(&b.centre());
-            [x, y, z, (0.5 * b.extent().norm()) as f32]
-        })
-    });
-    let reach = L::splat(reach_beyond(shape, true));
-    let radius = radius + L::splat(way + ROUNDING);
-    let away = balls_away(shape, into.turned([x, y, z]), radius, reach);
-    !L::bits(away) & ((1 << places.len()) - 1)
-}
-
-/// The shape's box cut across its longest axis.
-fn slices(bounds: &Aabb) -> [Aabb; SLICES] {
-    let axis = bounds.extent().imax();
-    let length = bounds.extent()[axis] / SLICES as f64;
-    std::array::from_fn(|i| {
-        let mut slice = *bounds;
-        slice.min[axis] += length * i as f64;
-        slice.max[axis] = slice.min[axis] + length;
-        slice
-    })
-}
-
-/// How far outside a shape points matter \[mm\]: the margin, and for those of walls what a thin blade shadows on its far side.
-fn reach_beyond(shape: &RigidShape, is_walled: bool) -> f32 {
-    let shadow = if shape.sided.is_some() && is_walled {
-        SIDE_DEPTH as f32
-    } else {
-        0.0
-    };
-    shadow + MARGIN
-}
-
-/// Which balls hold no point that can be near the shape; points matter within `reach` of it, but beside a blade's width and before
-/// its edge never beyond the margin.
-fn balls_away<L: Lanes>(shape: &RigidShape, centre: [L; 3], radius: L, reach: L) -> L::Mask {
-    let margin = L::splat(MARGIN);
-    let zero = L::splat(0.0);
-    let mut beside = zero.less(zero);
-    for (k, (c, reach)) in centre.into_iter().zip([margin, reach, margin]).enumerate() {
-        let low = L::splat(shape.bounds.min[k] as f32 - ROUNDING);
-        let high = L::splat(shape.bounds.max[k] as f32 + ROUNDING);
-        let radius = radius + reach;
-        beside = beside | (c + radius).less(low) | high.less(c - radius);
+    /// Which of four balls are near for the whole shape, and which for the walls at its sides, a bit each.
+    fn near<L: Lanes>(&self, balls: &[[f32; LANES]; 4]) -> (u32, u32) {
+        let (mut near, mut near_walls) = (0, 0);
+        for at in (0..LANES).step_by(L::N) {
+            let [x, y, z, radius] = balls.each_ref().map(|n| L::load(n, at));
+            let centre = self.from_world.place([x, y, z]);
+            let within = radius + L::splat(self.within + ROUNDING);
+            let [body, right, left] = self.faces.near_sides(centre, within);
+            near |= L::bits(body) << at;
+            near_walls |= L::bits(body | right | left) << at;
+        }
+        (near, near_walls)
     }
-    // The distance to a convex body is convex, so that interpolation only ever adds to it, and only here does it mislead.
-    let found = shape.field.look_up_in(centre, zero.at_least(zero));
-    let enough = radius + reach + L::splat(shape.field.error_bound());
-    beside | (found.known & enough.less(found.distance))
 }
 
 /// What points are looked for near.
 struct Search<'a> {
-    shape: &'a RigidShape,
-    into: IntoShape,
+    faces: Faces,
+    from_world: IntoShape,
+    from_middle: IntoShape,
     scene: &'a ContactScene<'a>,
 }
 
-impl Search<'_> {
-    /// The ways from some cells to the shape, and which of them may hold near points, a bit each.
-    fn cells_near<L: Lanes>(&self, cells: &[u32]) -> ([FromCell; LANES], u32) {
-        let scene = self.scene;
-        let mut from_cells = [FromCell::NOWHERE; LANES];
-        for (from, cell) in from_cells.iter_mut().zip(cells) {
-            if let Some(d) = scene.deformation.get(*cell as usize) {
-                *from = self.into.cell::<L>(d);
-            }
+impl<'a> Search<'a> {
+    fn new(shape: &RigidShape, world_from_shape: &Pose, scene: &'a ContactScene<'a>) -> Self {
+        Self {
+            faces: shape.faces(),
+            from_world: IntoShape::new(world_from_shape, &Vec3::zeros()),
+            from_middle: IntoShape::new(world_from_shape, scene.volumes.middle()),
+            scene,
         }
-        let [x, y, z, radius] = L::columns(|l| {
-            let cell = cells.get(l).unwrap_or(&cells[0]);
-            from_cells[l].ball(scene.shell.overhang(*cell as usize))
-        });
-        let [reach, ..] = L::columns(|l| {
-            let cell = cells.get(l).unwrap_or(&cells[0]);
-            [reach_beyond(self.shape, scene.shell.is_walled(*cell as usize)); 4]
-        });
-        let away = balls_away(self.shape, [x, y, z], radius, reach);
-        (from_cells, !L::bits(away) & ((1 << cells.len()) - 1))
     }
 
-    /// Calls `visit` with the blocks of a cell that may hold near points.
+    fn balls(&self, within: f32) -> BallSearch<'_> {
+        BallSearch {
+            faces: self.faces,
+            from_world: &self.from_world,
+            volumes: self.scene.volumes,
+            within,
+        }
+    }
+
+    /// How far back along the shape there is bone within [`AFAR`], if not nearer.
+    fn back<L: Lanes>(&self) -> f32 {
+        let balls = self.balls(AFAR);
+        let mut back = f32::INFINITY;
+        for groups in self.scene.volumes.groups() {
+            let (_, near) = balls.near::<L>(&groups.numbers);
+            for l in set_bits(near) {
+                let [x, y, z, radius] = groups.numbers.map(|n| n[l]);
+                let [.., z] = self.from_world.place([x, y, z]);
+                back = back.min(z - radius);
+            }
+        }
+        back
+    }
+
+    /// Which points are within the margin of the shape, a bit each.
+    #[inline]
+    fn near<L: Lanes>(&self, positions: [L; 3], normals: [&[f32; LANES]; 3], at: usize) -> u32 {
+        let facing = self.from_middle.facing::<L>(normals, at);
+        let place = self.from_middle.place(positions);
+        let within = L::splat(MARGIN + ROUNDING);
+        L::bits(self.faces.near_facing(place, within, facing))
+    }
+
+    /// Point `k` of a block, at `position` from the middle of the volumes.
+    fn depth(&self, block: &BlockPoints, k: usize, position: [f32; 3]) -> f32 {
+        let normals = block.normals.map(|n| [n[k]; LANES]);
+        let facing = self.from_middle.facing::<f32>(normals.each_ref(), 0);
+        self.faces.depth(self.from_middle.place(position), facing)
+    }
+
+    /// Calls `visit` with the cell, the block, the place in it and the position of each point that may come within `margin`, until it says
+    /// no; whether it never did. Points of walls count whichever side they look to.
+    fn each_about<L: Lanes>(
+        &self,
+        margin: f32,
+        mut visit: impl FnMut(u32, &BlockPoints, usize, [f32; 3]) -> bool,
+    ) -> bool {
+        let shell = self.scene.shell;
+        let mut goes_on = true;
+        self.balls(margin).each_near::<L>(|place, is_near| {
+            let Some(&cell) = shell.occupied().get(place) else {
+                return;
+            };
+            let deformed = self.scene.deformation.get(cell as usize);
+            let wanted = goes_on && (is_near || shell.is_walled(cell as usize));
+            let Some(d) = deformed.filter(|_| wanted) else {
+                return;
+            };
+            let from_cell = FromCell::new(d, self.scene.volumes.middle());
+            self.blocks_near::<L>(cell as usize, &from_cell, margin, |block, is_walled| {
+                self.points_near::<L>(block, is_walled, &from_cell, margin, |k, position| {
+                    goes_on = goes_on && visit(cell, block, k, position);
+                });
+            });
+        });
+        goes_on
+    }
+
+    /// Calls `visit` with the blocks of a cell that may hold points within `margin`, and whether they hold points of walls.
     fn blocks_near<L: Lanes>(
         &self,
         cell: usize,
         from_cell: &FromCell,
-        mut visit: impl FnMut(&BlockPoints),
+        margin: f32,
+        mut visit: impl FnMut(&BlockPoints, bool),
     ) {
         let shell = self.scene.shell;
         let blocks = shell.blocks(cell);
@@ -519,12 +601,11 @@ impl Search<'_> {
             let reach = L::columns(|l| of(l).extent().reach);
             let radius = (reach[0] * lengths[0] + reach[1] * lengths[1])
                 + (reach[2] * lengths[2] + reach[3] * lengths[3]);
-            let [beyond, ..] = L::columns(|l| [reach_beyond(self.shape, of(l).is_walled()); 4]);
-            let away = balls_away(self.shape, centre, radius + L::splat(ROUNDING), beyond);
-            let near = !L::bits(away) & ((1 << some.len()) - 1);
-            for l in set_bits(near) {
+            let within = radius + L::splat(margin + ROUNDING);
+            let near = self.near_walled(centre, within, |l| of(l).is_walled());
+            for l in set_bits(near & ((1 << some.len()) - 1)) {
                 if let Some(block) = shell.points_of(&some[l]) {
-                    visit(&block);
+                    visit(&block, some[l].is_walled());
                 }
             }
         }
@@ -533,36 +614,48 @@ impl Search<'_> {
     fn points_near<L: Lanes>(
         &self,
         block: &BlockPoints,
+        is_walled: bool,
         from_cell: &FromCell,
-        found: &mut FoundInCell,
+        margin: f32,
+        mut visit: impl FnMut(usize, [f32; 3]),
     ) {
         let n = block.ids.len();
-        let ([a, b, c, d], [x, y, z]) = (block.weights, block.normals);
+        let [a, b, c, d] = block.weights;
+        let within = L::splat(margin + ROUNDING);
         for first in (0..n).step_by(LANES) {
-            let four = |list| four(list, first);
-            let weights = [four(a), four(b), four(c), four(d)];
-            let normals = [four(x), four(y), four(z)];
-            let n_left = n - first;
-            for at in (0..LANES.min(n_left)).step_by(L::N) {
+            let weights = [a, b, c, d].map(|list| four(list, first));
+            let n_left = LANES.min(n - first);
+            for at in (0..n_left).step_by(L::N) {
                 let position = from_cell.place::<L>(weights, at);
-                let facing = self.into.facing::<L>(self.shape, normals, at);
-                let samples = self.shape.nearness(position, facing, MARGIN);
-                let near = L::bits(samples.distance.less(L::splat(MARGIN))) << at;
-                let near = near & ((1 << n_left.min(LANES)) - 1);
+                let near = self.near_walled(position, within, |_| is_walled) << at;
+                let near = near & ((1 << n_left) - 1);
                 if near == 0 {
                     continue;
                 }
-                let spread = |v: L| {
+                let [x, y, z] = position.map(|v| {
                     let mut four = [0.0; LANES];
                     v.store(&mut four, at);
                     four
-                };
-                let ([x, y, z], distance) = (position.map(spread), spread(samples.distance));
+                });
                 for k in set_bits(near) {
-                    found.put(block, first + k, [x[k], y[k], z[k]], distance[k]);
+                    visit(first + k, [x[k], y[k], z[k]]);
                 }
             }
         }
+    }
+
+    /// Which balls are near, those with points of walls at the shape's sides, too; a bit each.
+    #[inline]
+    fn near_walled<L: Lanes>(
+        &self,
+        centre: [L; 3],
+        within: L,
+        is_walled: impl Fn(usize) -> bool,
+    ) -> u32 {
+        let [walled, ..] = L::columns(|l| [f32::from(u8::from(is_walled(l))); 4]);
+        let walls = L::splat(0.0).less(walled);
+        let place = self.from_middle.place(centre);
+        L::bits(self.faces.near(place, within, walls, walls))
     }
 }
 

@@ -1,5 +1,6 @@
 use super::{ContactScene, NearPoints, RigidShape};
 use crate::geometry::Pose;
+use wide::f32x4;
 
 /// The points near one shape at the last few places where it was tried: a solve goes to and fro between where the shape is and where
 /// it might be, and the points must not be looked for at each end anew.
@@ -15,36 +16,44 @@ pub struct NearPlaces {
 const N_PLACES: usize = 4;
 
 impl NearPlaces {
-    /// Room for `n_cells` near cells and `n_points` near points at each place.
-    pub fn with_capacity(n_cells: usize, n_points: usize) -> Self {
+    /// Room for `n_points` near points at each place.
+    pub fn with_capacity(n_points: usize) -> Self {
         Self {
-            places: std::array::from_fn(|_| NearPoints::with_capacity(n_cells, n_points)),
+            places: std::array::from_fn(|_| NearPoints::with_capacity(n_points)),
             used: [0; N_PLACES],
             last: 0,
         }
     }
 
     /// The points near the shape at `world_from_shape`. Looks for them only if no place serves; the one that was of no use for
-    /// longest is given up for that. Does not allocate.
+    /// longest is given up for that. `lent`: those that somebody else found in this very state. Does not allocate.
     pub fn follow(
         &mut self,
         shape: &RigidShape,
         world_from_shape: &Pose,
         scene: &ContactScene,
+        lent: Option<&NearPoints>,
     ) -> &NearPoints {
         let serves = |near: &NearPoints| near.serves(shape, world_from_shape, scene);
         let oldest = (0..N_PLACES).min_by_key(|k| self.used[*k]).unwrap_or(0);
         let serving = self.places.iter().position(serves);
         let place = serving.unwrap_or(oldest);
-        if serving.is_none()
-            && let Ok([near, last]) = self.places.get_disjoint_mut([place, self.last])
-        {
-            near.take_cells(last);
+        if serving.is_none() {
+            // The surroundings of another place may do: then only the points there change hands.
+            let knows = |near: &NearPoints| near.knows(shape, world_from_shape, scene);
+            let knowing = self.places.iter().position(knows);
+            if let Some(k) = knowing
+                && let Ok([near, other]) = self.places.get_disjoint_mut([place, k])
+            {
+                near.take_around(other);
+            }
         }
         self.used[place] = self.used[self.last] + 1;
         self.last = place;
         let near = &mut self.places[place];
-        near.follow(shape, world_from_shape, scene);
+        if serving.is_none() {
+            near.renew::<f32x4>(shape, world_from_shape, scene, lent);
+        }
         near
     }
 

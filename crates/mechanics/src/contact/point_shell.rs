@@ -91,6 +91,8 @@ pub struct PointShell {
     overhang: Vec<f32>,
     /// Which cells hold points of walls.
     walled: Vec<bool>,
+    /// The cells that hold points, ascending.
+    occupied: Vec<u32>,
     ids: Vec<u32>,
     /// Some numbers longer than the others, so that the last can be read four at a time.
     weights: [Vec<f32>; 4],
@@ -178,6 +180,8 @@ impl PointShell {
             next.push(points, cells);
         }
         next.copy(self, from..self.n_cells());
+        let cells = 0..next.n_cells() as u32;
+        next.occupied = cells.filter(|c| !next.cell_is_empty(*c as usize)).collect();
         for list in next.weights.iter_mut().chain(&mut next.normals) {
             list.resize(next.ids.len() + LANES - 1, 0.0);
         }
@@ -307,6 +311,11 @@ impl PointShell {
         self.first_block[c] == self.first_block[c + 1]
     }
 
+    /// The cells that hold points, ascending.
+    pub fn occupied(&self) -> &[u32] {
+        &self.occupied
+    }
+
     /// Places in the sorted list of the points of some cells.
     pub fn places(&self, cells: Range<usize>) -> Range<usize> {
         self.point_range(self.block_range(cells))
@@ -361,10 +370,13 @@ impl BlockExtent {
                 high[k] = high[k].max(w[k]);
             }
         }
-        let centre: [f32; 4] = std::array::from_fn(|k| 0.5 * (low[k] + high[k]));
+        let mut centre: [f32; 4] = std::array::from_fn(|k| 0.5 * (low[k] + high[k]));
+        // The middles of all four need not add up to 1, and then would be a place that hangs on where the origin is.
+        centre[0] = 1.0 - (centre[1] + centre[2] + centre[3]);
+        let reach = |k: usize| (high[k] - centre[k]).max(centre[k] - low[k]);
         Self {
             centre,
-            reach: std::array::from_fn(|k| high[k] - centre[k]),
+            reach: [0, 1, 2, 3].map(reach),
         }
     }
 }

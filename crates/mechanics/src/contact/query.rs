@@ -9,7 +9,7 @@ use wide::f32x4;
 pub struct ContactScene<'a> {
     /// The bone's points, by cell.
     pub shell: &'a PointShell,
-    /// The cells' boxes in the same state as `deformation`.
+    /// The cells' volumes in the same state as `deformation`.
     pub volumes: &'a BoundingVolumes,
     /// Deformed positions of each cell's four virtual nodes \[mm\].
     pub deformation: &'a [Matrix3x4<f32>],
@@ -63,16 +63,15 @@ pub fn penetrations_in<L: Lanes>(
     contacts: &mut Vec<Contact>,
 ) {
     contacts.clear();
-    let Some(found_at) = near.found_at() else {
+    let Some(middle) = near.middle() else {
         return;
     };
-    let into = IntoShape::new(world_from_shape);
-    let moved = into.moved(found_at);
+    let into = IntoShape::new(world_from_shape, middle);
     for points in near.fours() {
         for at in (0..LANES).step_by(L::N) {
             let [x, y, z] = points.positions.each_ref().map(|p| L::load(p, at));
-            let position = moved.place([x, y, z]);
-            let facing = into.facing::<L>(shape, points.normals.each_ref(), at);
+            let position = into.place([x, y, z]);
+            let facing = into.facing::<L>(points.normals.each_ref(), at);
             let found = shape.inside(position, facing);
             let hits = L::bits(found.distance.less(L::splat(0.0)));
             if hits != 0 {
@@ -119,117 +118,61 @@ fn keep<L: Lanes>(
     }
 }
 
-/// The way from the world into a shape's frame.
+/// The way from places about `middle` in the world's axes into a shape's frame.
 pub(super) struct IntoShape {
     /// Of the rotation.
     rows: [[f32; 3]; 3],
-    exact: [[f64; 3]; 3],
-    origin: Vec3,
-}
-
-/// A rigid motion.
-struct Moved {
-    rows: [[f32; 3]; 3],
-    shift: [f32; 3],
-}
-
-impl Moved {
-    #[inline]
-    fn place<L: Lanes>(&self, [x, y, z]: [L; 3]) -> [L; 3] {
-        [0, 1, 2].map(|k| {
-            let r = &self.rows[k];
-            (L::splat(r[0]) * x + L::splat(r[1]) * y)
-                + (L::splat(r[2]) * z + L::splat(self.shift[k]))
-        })
-    }
+    /// Where the shape's origin is: coarse and fine part.
+    origin: [[f32; 3]; 2],
 }
 
 impl IntoShape {
-    pub fn new(world_from_shape: &Pose) -> Self {
+    pub fn new(world_from_shape: &Pose, middle: &Vec3) -> Self {
         let turn = world_from_shape.rotation.to_rotation_matrix();
-        let exact = [0, 1, 2].map(|r| [0, 1, 2].map(|k| turn[(k, r)]));
+        let origin = world_from_shape.translation.vector - middle;
+        let coarse = [0, 1, 2].map(|k| origin[k] as f32);
         Self {
-            rows: exact.map(|r| r.map(|v| v as f32)),
-            exact,
-            origin: world_from_shape.translation.vector,
+            rows: [0, 1, 2].map(|r| [0, 1, 2].map(|k| turn[(k, r)] as f32)),
+            origin: [
+                coarse,
+                [0, 1, 2].map(|k| (origin[k] - f64::from(coarse[k])) as f32),
+            ],
         }
     }
 
-    /// `shape_from_world D` (paper, equation 9). About the shape's origin, so that f32 is fine enough near it.
+    /// Where places are in the shape's frame. The shape's origin is taken off first: what is left is as exact as the place is near it.
     #[inline]
-    pub fn cell<L: Lanes>(&self, d: &Matrix3x4<f32>) -> FromCell {
-        let axis = |axis: usize| {
-            let about = |k: usize| (f64::from(d[(axis, k)]) - self.origin[axis]) as f32;
-            [about(0), about(1), about(2), about(3)]
-        };
-        let (x, y, z) = (axis(0), axis(1), axis(2));
-        let row = |r: &[f32; 3]| {
-            let mut row = [0.0; LANES];
-            for at in (0..LANES).step_by(L::N) {
-                let (x, y, z) = (L::load(&x, at), L::load(&y, at), L::load(&z, at));
-                let turned = L::splat(r[0]) * x + L::splat(r[1]) * y + L::splat(r[2]) * z;
-                turned.store(&mut row, at);
-            }
-            row
-        };
-        let [a, b, c] = &self.rows;
-        FromCell([row(a), row(b), row(c)])
+    pub fn place<L: Lanes>(&self, place: [L; 3]) -> [L; 3] {
+        let [coarse, fine] = &self.origin;
+        let about = |k: usize| (place[k] - L::splat(coarse[k])) - L::splat(fine[k]);
+        self.turned([about(0), about(1), about(2)])
     }
 
-    /// The shape's.
-    pub fn origin(&self) -> [f32; 3] {
-        [0, 1, 2].map(|k| self.origin[k] as f32)
-    }
-
-    /// The way from the shape's origin to a place, in the world's axes.
-    pub fn way_to(&self, p: &Vec3) -> [f32; 3] {
-        [0, 1, 2].map(|k| (p[k] - self.origin[k]) as f32)
-    }
-
-    /// Ways in the world's axes in those of the shape.
-    pub fn turned<L: Lanes>(&self, [x, y, z]: [L; 3]) -> [L; 3] {
+    #[inline]
+    fn turned<L: Lanes>(&self, [x, y, z]: [L; 3]) -> [L; 3] {
         self.rows
             .map(|r| L::splat(r[0]) * x + L::splat(r[1]) * y + L::splat(r[2]) * z)
     }
 
-    /// Takes places in the shape's frame as it stood at `before` to its frame now.
-    fn moved(&self, before: &Pose) -> Moved {
-        let turn = before.rotation.to_rotation_matrix();
-        let shift = before.translation.vector - self.origin;
-        let row = |r: &[f64; 3], k: usize| (0..3).map(|i| r[i] * turn[(i, k)]).sum::<f64>() as f32;
-        Moved {
-            rows: self.exact.each_ref().map(|r| [0, 1, 2].map(|k| row(r, k))),
-            shift: self
-                .exact
-                .map(|r| (0..3).map(|i| r[i] * shift[i]).sum::<f64>() as f32),
-        }
-    }
-
-    /// How much walls look to a blade's +y.
+    /// How much walls look to a blade's +y; 0 for points on no wall.
     #[inline]
-    pub fn facing<L: Lanes>(
-        &self,
-        shape: &RigidShape,
-        normals: [&[f32; LANES]; 3],
-        at: usize,
-    ) -> L {
-        if shape.sided.is_none() {
-            return L::splat(0.0);
-        }
-        let [x, y, z] = normals;
-        let (x, y, z) = (L::load(x, at), L::load(y, at), L::load(z, at));
-        let r = &self.rows[1];
-        L::splat(r[0]) * x + L::splat(r[1]) * y + L::splat(r[2]) * z
+    pub fn facing<L: Lanes>(&self, normals: [&[f32; LANES]; 3], at: usize) -> L {
+        let [_, y, _] = self.turned(normals.map(|n| L::load(n, at)));
+        y
     }
 }
 
-/// Takes shape functions of a cell straight to a shape's frame: a row an axis, a column a node.
+/// Takes shape functions of a cell to places about a middle: a row an axis, a column a node.
 #[derive(Clone, Copy)]
 pub(super) struct FromCell([[f32; LANES]; 3]);
 
 impl FromCell {
-    /// Takes all points nowhere.
-    pub const NOWHERE: Self = Self([[f32::NAN; LANES]; 3]);
+    /// The cell's nodes less the middle, so that f32 is fine enough.
+    #[inline]
+    pub fn new(d: &Matrix3x4<f32>, middle: &Vec3) -> Self {
+        let about = |axis: usize, k: usize| (f64::from(d[(axis, k)]) - middle[axis]) as f32;
+        Self([0, 1, 2].map(|axis| [0, 1, 2, 3].map(|k| about(axis, k))))
+    }
 
     /// Where points with these shape functions are.
     #[inline]
@@ -249,17 +192,6 @@ impl FromCell {
         };
         let [x, y, z] = &self.0;
         [along(x), along(y), along(z)]
-    }
-
-    /// Centre and radius of a ball about all points that reach out of the cell by `overhang`.
-    pub fn ball(&self, overhang: f32) -> [f32; 4] {
-        let [x, y, z] = self.0.map(|row| 0.25 * row.iter().sum::<f32>());
-        let away = |k: usize| {
-            let [a, b, c] = [self.0[0][k] - x, self.0[1][k] - y, self.0[2][k] - z];
-            a * a + b * b + c * c
-        };
-        let radius2 = (0..4).map(away).fold(0.0, f32::max);
-        [x, y, z, (1.0 + 4.0 * overhang) * radius2.sqrt()]
     }
 
     /// Lengths of the edges from the first node to each.

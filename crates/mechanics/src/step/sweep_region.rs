@@ -29,9 +29,10 @@ impl SweepRegion {
         model: &ToolModel,
         tools: &ToolsState,
     ) {
+        let cells = bone.shell.occupied();
         let near = |way: f32, visit: &mut dyn FnMut(u32)| {
             for (tool, pose) in model.tools.iter().zip(&tools.poses) {
-                cells_about(&tool.shape, pose, volumes, way, &mut *visit);
+                cells_about(&tool.shape, pose, volumes, cells, way, &mut *visit);
             }
         };
         let mut has_all = self.generation == Some(bone.generation);

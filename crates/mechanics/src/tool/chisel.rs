@@ -136,6 +136,7 @@ impl Chisel {
             field: self.grid(0.0, |p| self.distance(p)),
             sided: Some([side(self.extended(1.0)), side(self.extended(-1.0))]),
             bounds: self.bounds(),
+            bevels: self.bevels(),
             samples: self.samples(),
         }
     }
@@ -158,6 +159,15 @@ impl Chisel {
             vertices,
             triangles,
         }
+    }
+
+    /// The ground faces, towards -y and +y: see [`RigidShape::bevels`].
+    fn bevels(&self) -> [[f32; 3]; 2] {
+        let [[far, back], [near, edge]] = [self.outline[1], self.outline[2]];
+        let length = (far - near).hypot(edge - back);
+        let (a, b) = ((edge - back) / length, (far - near) / length);
+        let c = a * near + b * edge;
+        [-a, a].map(|a| [a as f32, b as f32, c as f32])
     }
 
     fn bounds(&self) -> Aabb {

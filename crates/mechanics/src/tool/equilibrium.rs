@@ -138,19 +138,14 @@ impl ToolsResult {
 /// How large a scene the scratch can take without losing anything.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScratchLimits {
-    /// Cells near one tool.
-    pub n_cells: usize,
     /// Points near one tool: inside it or within a quarter of a millimetre.
     pub n_contacts: usize,
 }
 
 impl Default for ScratchLimits {
-    /// 16,384 of each: a 60 mm chisel sunk into 100,000 points holds some thousand.
+    /// 16,384: a 60 mm chisel sunk into 100,000 points holds some thousand.
     fn default() -> Self {
-        Self {
-            n_cells: 16_384,
-            n_contacts: 16_384,
-        }
+        Self { n_contacts: 16_384 }
     }
 }
 
@@ -191,7 +186,7 @@ impl Evaluation {
         let found = scene.near.map(|near| &near[t]);
         let near = match found.filter(|near| near.holds(shape, pose)) {
             Some(near) => near,
-            None => own.follow(shape, pose, scene),
+            None => own.follow(shape, pose, scene, found),
         };
         penetrations(shape, pose, near, &mut self.contacts);
         self.response = respond(&mut self.contacts, &model.law, &input.anchors[t], pose);
@@ -207,7 +202,7 @@ impl ToolScratch {
             contacts: Vec::with_capacity(limits.n_contacts),
             response: Response::NONE,
         };
-        let near = || NearPlaces::with_capacity(limits.n_cells, limits.n_contacts);
+        let near = || NearPlaces::with_capacity(limits.n_contacts);
         Self {
             near: [near(), near()],
             n_dropped: [0; 2],
@@ -229,7 +224,7 @@ impl ToolScratch {
     pub fn look_about(&mut self, model: &ToolModel, tools: &ToolsState, scene: &ContactScene) {
         let tools = model.tools.iter().zip(&tools.poses);
         for (near, (tool, pose)) in self.near.iter_mut().zip(tools) {
-            near.follow(&tool.shape, pose, scene);
+            near.follow(&tool.shape, pose, scene, None);
         }
     }
 

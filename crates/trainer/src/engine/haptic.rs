@@ -42,7 +42,7 @@ impl BoneView {
             deformation: state.deformation.clone(),
             number: 1,
             compliance: None,
-            near: std::array::from_fn(|_| NearPoints::with_capacity(0, 0)),
+            near: std::array::from_fn(|_| NearPoints::with_capacity(0)),
             line: Vec::new(),
         }
     }

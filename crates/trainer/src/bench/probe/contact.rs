@@ -7,7 +7,7 @@ use nalgebra::Matrix3x4;
 use osteotome_mechanics::contact::{
     BoundingVolumes, Contact, ContactScene, NearPoints, PointShell, RigidShape, penetrations_in,
 };
-use osteotome_mechanics::geometry::{Aabb, Lanes, Pose, Vec3};
+use osteotome_mechanics::geometry::{Aabb, Lanes, Pose, SpatialHash, Vec3};
 use osteotome_mechanics::step::{Bone, BoneState};
 use osteotome_mechanics::tool::ToolModel;
 use wide::f32x4;
@@ -38,7 +38,7 @@ pub struct Contacts {
 
 impl Default for Contacts {
     fn default() -> Self {
-        let near = || NearPoints::with_capacity(ROOM, ROOM);
+        let near = || NearPoints::with_capacity(ROOM);
         Self {
             near: [near(), near()],
             found: [Vec::with_capacity(ROOM), Vec::with_capacity(ROOM)],
@@ -106,9 +106,10 @@ impl Contacts {
     ) -> Result<()> {
         let all = 0..scene.shell.n_cells() as u32;
         let mut spent = [0.0; 2];
+        let hash = hashed(scene.shell, scene.deformation);
         for (t, found) in self.found.iter().enumerate() {
             let (shape, pose) = (&model.tools[t].shape, &poses[t]);
-            let (in_box, ms) = in_ms(|| one_by_one(shape, pose, scene, in_box(shape, pose, scene)));
+            let (in_box, ms) = in_ms(|| one_by_one(shape, pose, scene, in_box(shape, pose, &hash)));
             spent[0] += ms;
             let (everywhere, ms) = in_ms(|| one_by_one(shape, pose, scene, all.clone()));
             spent[1] += ms;
@@ -143,7 +144,7 @@ impl Contacts {
             let (points, baseline) = in_ms(|| {
                 bone.deform(moved);
                 let points = moved_points(&bone.shell, &moved.deformation);
-                let _ = std::hint::black_box(BoundingVolumes::new(&bone.shell, &moved.deformation));
+                std::hint::black_box(hashed(&bone.shell, &moved.deformation));
                 points
             });
             self.every_point.push(ours, baseline, ours + baseline);
@@ -200,20 +201,40 @@ impl Found {
     }
 }
 
-/// The cells whose volumes meet the box around a shape: what the paper's hash gives (section 4.2).
-fn in_box(shape: &RigidShape, pose: &Pose, scene: &ContactScene) -> Vec<u32> {
-    let b = &shape.bounds;
-    let corner = |k: usize| {
-        let pick = |axis: usize| [b.min, b.max][k >> axis & 1][axis];
-        pose.rotation * Vec3::new(pick(0), pick(1), pick(2)) + pose.translation.vector
+/// Boxes about the cells that hold points, in a spatial hash: the paper's volumes (section 4.2).
+struct Hashed {
+    boxes: Vec<(u32, Aabb)>,
+    hash: SpatialHash,
+}
+
+fn hashed(shell: &PointShell, deformation: &[Matrix3x4<f32>]) -> Hashed {
+    let cell_box = |c: &u32| {
+        let nodes = deformation[*c as usize].map(f64::from);
+        let nodes: [Vec3; 4] = [0, 1, 2, 3].map(|k| nodes.column(k).into());
+        // Points reach out of a cell where the mesh cuts a corner.
+        let scale = 1.0 + 4.0 * f64::from(shell.overhang(*c as usize));
+        let mean = nodes.iter().sum::<Vec3>() / 4.0;
+        let nodes = nodes.map(|n| mean + (n - mean) * scale);
+        (*c, Aabb::around(&nodes))
     };
-    let corners: Vec<Vec3> = (0..8).map(corner).collect();
+    let boxes: Vec<(u32, Aabb)> = shell.occupied().iter().map(cell_box).collect();
+    let size: f64 = boxes.iter().map(|b| b.1.extent().max()).sum();
+    let hash = SpatialHash::build((size / boxes.len().max(1) as f64).max(1e-3), &boxes);
+    Hashed { boxes, hash }
+}
+
+/// The cells whose boxes meet the box around a shape: what the paper's hash gives.
+fn in_box(shape: &RigidShape, pose: &Pose, hashed: &Hashed) -> Vec<u32> {
+    let around = shape.bounds.moved(pose);
     let mut cells = Vec::new();
-    scene
-        .volumes
-        .query(&Aabb::around(&corners), |cell, _| cells.push(cell));
+    hashed.hash.query(&around, |cell| cells.push(cell));
     cells.sort_unstable();
     cells.dedup();
+    let meets = |cell: &u32| {
+        let place = hashed.boxes.binary_search_by_key(cell, |b| b.0);
+        place.is_ok_and(|k| hashed.boxes[k].1.overlaps(&around))
+    };
+    cells.retain(meets);
     cells
 }
 
@@ -281,10 +302,10 @@ fn check_volumes(
     // Points are f32.
     const ROUNDING: f64 = 1e-3;
     for (cell, p) in points.iter().step_by(97) {
-        let around = Aabb::around(&[*p]).grown(ROUNDING);
-        let mut is_in = false;
-        volumes.query(&around, |c, volume| {
-            is_in |= c == *cell && volume.overlaps(&around);
+        let place = shell.occupied().binary_search(cell);
+        let ball = place.ok().and_then(|k| volumes.ball(k));
+        let is_in = ball.is_some_and(|(centre, radius)| {
+            (p - Vec3::from(centre.map(f64::from))).norm() <= f64::from(radius) + ROUNDING
         });
         ensure!(is_in, "a point at {p:?} is not in its cell's volume");
     }
