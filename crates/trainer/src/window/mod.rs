@@ -16,7 +16,6 @@ mod guide;
 mod live;
 mod look_back;
 mod mouse_hands;
-mod orbit;
 mod panels;
 mod planner;
 mod plots;

@@ -5,10 +5,9 @@ use super::coach::Hints;
 use super::conductor::Phase;
 use super::live::look;
 use super::mouse_hands::Held;
-use super::orbit::Orbit;
 use super::shortcuts::{self, Command};
 use super::{planner, plots, style, teacher};
-use crate::picture::View;
+use crate::picture::{Orbit, View};
 use crate::talk;
 use eframe::egui::{
     self, Align, Button, Color32, ComboBox, Context, CornerRadius, Frame, Layout, Margin, Panel,
