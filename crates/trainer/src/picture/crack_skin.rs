@@ -9,7 +9,7 @@ use super::saw_cuts::SawCuts;
 use osteotome_mechanics::crack::{Cell, CrackedBody, Sheet};
 use osteotome_mechanics::geometry::{NO_TET, SignedDistance, TET_EDGES, TET_FACES, TriMesh, Vec3};
 use osteotome_render::skin::{CRUMBS, Part, Skin as Drawn, Wear};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// The sawn part of all sheets as closed volumes.
 pub fn kerf_skin(body: &CrackedBody) -> Skin {
@@ -331,10 +331,43 @@ impl Parting<'_> {
             let length = (clear.next().unwrap_or(0.3 * h) + 0.1 * h).max(0.6 * h);
             self.way_out.insert(base, direction * length);
         }
+        let edges = ends.iter().map(|(_, edge)| edge.map(|p| p.0));
+        self.clear_chords(&edges.collect::<Vec<_>>(), region);
         for (i, [p, q]) in ends {
             let cells = self.pieces[i].cells;
             let points = [q, p, (p.0, true), (q.0, true)];
             self.pieces.push(Piece { cells, points });
+        }
+    }
+
+    /// Leads both ends of an edge out farther where the bone bulges between them: what is left beyond the edge would hang across the
+    /// gap.
+    fn clear_chords(&mut self, edges: &[[Base; 2]], region: &dyn SignedDistance) {
+        const ROUNDS: usize = 8;
+        /// Farther by so much in each \[element sizes\].
+        const FARTHER: f64 = 0.15;
+        const BETWEEN: [f64; 5] = [0.15, 0.3, 0.5, 0.7, 0.85];
+        let h = self.body.solid.lengths.h;
+        let mut asked: Vec<[Base; 2]> = edges.to_vec();
+        for _ in 0..ROUNDS {
+            let tip = |base: Base| self.places[&base].at + self.way_out[&base];
+            let is_within = |[p, q]: &[Base; 2]| {
+                let [p, q] = [tip(*p), tip(*q)];
+                let at = |s: f64| region.signed(&p.lerp(&q, s));
+                BETWEEN.into_iter().any(|s| at(s) < 0.05 * h)
+            };
+            asked.retain(is_within);
+            let short: BTreeSet<Base> = asked.iter().flatten().copied().collect();
+            if short.is_empty() {
+                break;
+            }
+            for base in &short {
+                if let Some(way) = self.way_out.get_mut(base) {
+                    *way *= 1.0 + FARTHER * h / way.norm();
+                }
+            }
+            let is_touched = |e: &&[Base; 2]| e.iter().any(|p| short.contains(p));
+            asked = edges.iter().filter(is_touched).copied().collect();
         }
     }
 
