@@ -318,7 +318,8 @@ fn parting_way(faces: &[Vec3]) -> Vec3 {
         return Vec3::zeros();
     };
     for _ in 0..ROUNDS {
-        let counted = |f: &Vec3| f * (-SHARP * f.dot(&way) / f.norm().max(1e-12)).exp();
+        let opens = |f: &Vec3| (f.dot(&way) / f.norm().max(1e-12)).max(0.0);
+        let counted = |f: &Vec3| f * (-SHARP * opens(f)).exp();
         let Some(better) = unit(faces.iter().map(counted).sum()) else {
             break;
         };

@@ -213,6 +213,46 @@ fn no_triangle_spans_the_gap_and_one_sees_through_it() {
     );
 }
 
+/// A bone that bulges out of its coarse mesh between the nodes, as jaws do: there the crack must still reach all through.
+#[test]
+fn nothing_hangs_in_the_gap_of_a_bone_that_bulges() {
+    let body = cracked(vec![through(0.0)]);
+    let h = body.solid.lengths.h;
+    let mut surface = surface(&body.solid.mesh);
+    for p in &mut surface.vertices {
+        // Out of each side, between the mesh's nodes; not at its edges, where two sides meet.
+        let bulge = |k: usize| (p[k] / 4.0 * std::f64::consts::PI).sin().abs();
+        let out = [1, 2].map(|k| match p[k] {
+            v if v < 1e-9 => -1.0,
+            v if v > SIZE[k] - 1e-9 => 1.0,
+            _ => 0.0,
+        });
+        let by = 0.35 * h * [bulge(2), bulge(1)].iter().fold(1.0, |m: f64, b| m.min(*b));
+        *p += Vec3::new(0.0, out[0] * by, out[1] * by);
+    }
+    let region = MeshDistance::new(surface.clone());
+    let gap = gap_skin(&body, &region);
+    let bone = Slits::default().skin(&body, &surface, &Places::new(&body, &surface), &gap);
+    let skins = Skins {
+        bone,
+        gap,
+        kerf: kerf_skin(&body),
+    };
+    skins.check_closed();
+    let apart = moved(&body, |piece| Vec3::new(-4.0, 0.0, 0.0) * f64::from(piece));
+    assert!(skins.stretch(&apart) < 1e-4, "{}", skins.stretch(&apart));
+    // Along the crack's own slope: in every row the gap is one open stretch.
+    let (ids, _) = skins.seen(&apart, [4.2, -70.0, 2.2]);
+    for row in ids.chunks_exact(400) {
+        let is_first = row.iter().position(|id| *id != 0);
+        let Some(first) = is_first else { continue };
+        let last = row.iter().rposition(|id| *id != 0).unwrap();
+        let ends = row[first..last].windows(2).filter(|w| (w[0] == 0) != (w[1] == 0));
+        let n = ends.count();
+        assert!(n <= 2, "something hangs in the gap: {n} edges in a row");
+    }
+}
+
 #[test]
 fn a_closed_crack_lets_no_light_through() {
     let cut = cracked(vec![through(0.0)]);
