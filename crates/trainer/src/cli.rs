@@ -351,6 +351,9 @@ pub struct RenderArgs {
     /// For two eyes
     #[arg(long, value_enum, value_name = "MODE")]
     pub stereo: Option<StereoMode>,
+    /// From so many places side by side instead of two, 2 to 16
+    #[arg(long, value_name = "N", requires = "stereo", value_parser = clap::value_parser!(u8).range(2..=16))]
+    pub views: Option<u8>,
     /// Draws on the processor, even where there is a graphics card
     #[arg(long, conflicts_with = "gpu")]
     pub cpu: bool,
@@ -382,7 +385,12 @@ fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let number = |t: &str| t.trim().parse().ok().filter(|v: &f64| v.abs() <= 1e4);
     let all: Option<Vec<f64>> = text.split(',').map(number).collect();
     let all = all.and_then(|v| v.try_into().ok());
-    all.ok_or_else(|| format!("give {N} numbers with commas between, like {}", ["1.5"; N].join(",")))
+    all.ok_or_else(|| {
+        format!(
+            "give {N} numbers with commas between, like {}",
+            ["1.5"; N].join(",")
+        )
+    })
 }
 
 /// 16 to 4096 pixels each way.

@@ -41,6 +41,7 @@ pub fn render(args: &RenderArgs) -> Result<(), Failure> {
         .map_err(Failure::Input)?;
     stage.show_head(args.head);
     stage.show_tools(!args.no_tools);
+    stage.look_from(args.views.map(usize::from));
     let work = match film {
         Some(film) => shoot(&mut stage, &mut renderer, args, film, seconds),
         None => picture(&mut stage, &mut renderer, args),

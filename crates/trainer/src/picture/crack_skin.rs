@@ -35,7 +35,7 @@ pub fn kerf_skin(body: &CrackedBody) -> Skin {
     skin
 }
 
-/// The explicit crack beyond the saw's slit: where the bone broke. Triangles that would span two fragments are left out.
+/// The explicit crack beyond the saw's slit: where the bone broke. A triangle that would span two fragments goes with one of them.
 pub fn broken_sheets(body: &CrackedBody) -> Skin {
     let mut skin = Skin::default();
     for sheet in &body.crack.sheets {
@@ -45,12 +45,17 @@ pub fn broken_sheets(body: &CrackedBody) -> Skin {
             push_on_side(body, &mut skin, p, n);
         }
         let broken = sheet.mesh.triangles.iter().filter(|t| !is_sawn(sheet, t));
-        let own = |t: &[u32; 3]| {
-            let pieces = t.map(|v| piece_of(body, skin.anchors[v as usize].cell));
-            pieces.iter().all(|p| *p == pieces[0])
-        };
-        let shown: Vec<[u32; 3]> = broken.map(|t| t.map(|v| v + first)).filter(own).collect();
-        skin.triangles.extend(shown);
+        for t in broken.map(|t| t.map(|v| v + first)) {
+            let cells = t.map(|v| skin.anchors[v as usize].cell);
+            let of = cells.map(|c| piece_of(body, c));
+            // With that of most corners.
+            let k = usize::from(of[0] != of[1] && of[0] != of[2]);
+            let own = [0, 1, 2].map(|i| match of[i] == of[k] {
+                true => t[i],
+                false => push_with(body, &mut skin, cells[k], t[i]),
+            });
+            skin.triangles.push(own);
+        }
     }
     skin
 }
@@ -74,6 +79,14 @@ fn push_on_side(body: &CrackedBody, skin: &mut Skin, p: &Vec3, side: &Vec3) {
     let (tet, weights) = tet_at(body, p);
     let cell = body.topology.cell_towards(&body.solid.mesh, tet, p, side);
     skin.push(Anchor { cell, weights }, p);
+}
+
+/// Another vertex' place, as a cell moves it.
+fn push_with(body: &CrackedBody, skin: &mut Skin, cell: u32, vertex: u32) -> u32 {
+    let p = Vec3::from(skin.rest[vertex as usize].map(f64::from));
+    let tet = body.topology.cells()[cell as usize].tet;
+    let weights = body.solid.mesh.barycentric(tet as usize, &p);
+    skin.push(Anchor { cell, weights }, &p)
 }
 
 /// The opened crack.
@@ -343,7 +356,7 @@ impl Parting<'_> {
     /// Leads both ends of an edge out farther where the bone bulges between them: what is left beyond the edge would hang across the
     /// gap.
     fn clear_chords(&mut self, edges: &[[Base; 2]], region: &dyn SignedDistance) {
-        const ROUNDS: usize = 8;
+        const ROUNDS: usize = 5;
         /// Farther by so much in each \[element sizes\].
         const FARTHER: f64 = 0.15;
         const BETWEEN: [f64; 5] = [0.15, 0.3, 0.5, 0.7, 0.85];
@@ -362,8 +375,11 @@ impl Parting<'_> {
                 break;
             }
             for base in &short {
-                if let Some(way) = self.way_out.get_mut(base) {
-                    *way *= 1.0 + FARTHER * h / way.norm();
+                let (at, way) = (self.places[base].at, self.way_out[base]);
+                let farther = way * (1.0 + FARTHER * h / way.norm());
+                // Not across a hollow into the bone on its other side.
+                if region.signed(&(at + farther)) > region.signed(&(at + way)) {
+                    self.way_out.insert(*base, farther);
                 }
             }
             let is_touched = |e: &&[Base; 2]| e.iter().any(|p| short.contains(p));
@@ -453,6 +469,7 @@ impl Parting<'_> {
             }
             let share = from.depth / (from.depth - to.depth);
             let p = self.rest(u).lerp(&self.rest(v), share);
+            let p = self.saw.stop(&p).unwrap_or(p);
             let vertex = self.push(cells[side], &p);
             self.stops.insert(key, vertex);
             vertex

@@ -63,7 +63,11 @@ impl Finish {
         let Some(stereo) = self.stereo else {
             return eye(camera);
         };
-        let views: Vec<Image> = stereo.views(camera, moment.eyes()).iter().map(eye).collect();
+        let views: Vec<Image> = stereo
+            .views(camera, moment.eyes())
+            .iter()
+            .map(eye)
+            .collect();
         stereo.join(&views)
     }
 }
@@ -356,7 +360,10 @@ mod tests {
         let places = |mode: StereoMode| -> Vec<f32> {
             mode.views(&camera, five).iter().map(|c| c.eye[0]).collect()
         };
-        assert_eq!(places(StereoMode::Interlaced), [-20.0, -10.0, 0.0, 10.0, 20.0]);
+        assert_eq!(
+            places(StereoMode::Interlaced),
+            [-20.0, -10.0, 0.0, 10.0, 20.0]
+        );
         assert_eq!(places(StereoMode::Anaglyph), [-5.0, 5.0]);
     }
 }

@@ -26,6 +26,8 @@ struct Cut {
     bounds: Aabb,
     /// Its border within the bone.
     bottom: Vec<[Vec3; 2]>,
+    /// Half the slit's width \[mm\].
+    half: f64,
 }
 
 impl SawCuts {
@@ -33,6 +35,7 @@ impl SawCuts {
     pub fn new(body: &CrackedBody, region: &dyn SignedDistance) -> Self {
         let h = body.solid.lengths.h;
         let cut = |sheet: &Sheet| {
+            let half = sheet.kerf.iter().copied().fold(0.0, f64::max);
             let sheet = Sheet {
                 mesh: sawn_part(sheet),
                 ..Sheet::default()
@@ -45,6 +48,7 @@ impl SawCuts {
                 bounds: Aabb::around(&sheet.mesh.vertices).grown(REACH * h),
                 sheet,
                 bottom,
+                half,
             }
         };
         Self {
@@ -94,11 +98,20 @@ impl SawCuts {
             let foot = c.foot(p)?;
             let off = (foot - p).norm();
             let behind = nearest(&foot, &c.bottom).map_or(self.h, |q| (q - foot).norm());
-            let is_beyond = behind < 1e-9 || off > REACH * self.h;
+            // Beside the slit there is no sawn face, whatever part of the cut's border is nearest.
+            let is_beyond = behind < 1e-9 || off > c.half;
             Some(if is_beyond { -off } else { behind })
         };
         let near = self.cuts.iter().filter(|c| c.bounds.contains(p));
         near.filter_map(of_cut).fold(-self.h, f64::max)
+    }
+
+    /// The point nearest to `p` at which the saw came to a stop; `None` if there is none near.
+    pub fn stop(&self, p: &Vec3) -> Option<Vec3> {
+        let near = self.cuts.iter().filter(|c| c.bounds.contains(p));
+        let feet = near.filter_map(|c| nearest(p, &c.bottom));
+        let foot = feet.min_by(|a, b| (a - p).norm().total_cmp(&(b - p).norm()));
+        foot.filter(|q| (q - p).norm() < ON * self.h)
     }
 
     fn chosen(&self, on: u64) -> impl Iterator<Item = &Cut> {

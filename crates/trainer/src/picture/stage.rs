@@ -22,6 +22,7 @@ pub struct Stage<'a> {
     recording: &'a Recording,
     shows_head: bool,
     shows_tools: bool,
+    views: Option<usize>,
 }
 
 /// A patient's bone, ready to be shown in any state of any session.
@@ -113,6 +114,7 @@ impl<'a> Stage<'a> {
             recording,
             shows_head: false,
             shows_tools: true,
+            views: None,
         })
     }
 
@@ -124,6 +126,11 @@ impl<'a> Stage<'a> {
     /// Shows the chisels and their loads, or not.
     pub fn show_tools(&mut self, are_shown: bool) {
         self.shows_tools = are_shown;
+    }
+
+    /// Looks from so many places side by side where pictures are in stereo, whatever the scenario says.
+    pub fn look_from(&mut self, views: Option<usize>) {
+        self.views = views;
     }
 
     /// The recording.
@@ -163,7 +170,9 @@ impl<'a> Stage<'a> {
             let dressed = self.skinner.make(generation, &recording.growth)?;
             self.scenery.dress(dressed, instant.bone)?;
         }
-        self.scenery.moment(&instant)
+        let mut moment = self.scenery.moment(&instant)?;
+        moment.eyes.views = self.views.or(moment.eyes.views);
+        Ok(moment)
     }
 }
 

@@ -2,7 +2,7 @@
 #![allow(clippy::print_stderr)] // a skipped test says so
 use super::anchored::{Skin, drawn_cells, moved_cells, piece_of};
 use super::bone_skin::{BoneSkin, Places, Slits};
-use super::crack_skin::{GapSkin, gap_skin, kerf_skin};
+use super::crack_skin::{GapSkin, broken_sheets, gap_skin, kerf_skin};
 use super::restore::Restored;
 use crate::engine::cut_since;
 use crate::scenario::{BSSO_RIGHT, Source, load};
@@ -220,15 +220,14 @@ fn nothing_hangs_in_the_gap_of_a_bone_that_bulges() {
     let h = body.solid.lengths.h;
     let mut surface = surface(&body.solid.mesh);
     for p in &mut surface.vertices {
-        // Out of each side, between the mesh's nodes; not at its edges, where two sides meet.
-        let bulge = |k: usize| (p[k] / 4.0 * std::f64::consts::PI).sin().abs();
+        // Ribs across the crack on each side, finer than the mesh.
+        let bulge = |k: usize| f64::from(u8::from(p[k].round() as i64 % 2 == 1));
         let out = [1, 2].map(|k| match p[k] {
             v if v < 1e-9 => -1.0,
             v if v > SIZE[k] - 1e-9 => 1.0,
             _ => 0.0,
         });
-        let by = 0.35 * h * [bulge(2), bulge(1)].iter().fold(1.0, |m: f64, b| m.min(*b));
-        *p += Vec3::new(0.0, out[0] * by, out[1] * by);
+        *p += Vec3::new(0.0, out[0] * bulge(2), out[1] * bulge(1)) * (0.8 * h);
     }
     let region = MeshDistance::new(surface.clone());
     let gap = gap_skin(&body, &region);
@@ -242,12 +241,19 @@ fn nothing_hangs_in_the_gap_of_a_bone_that_bulges() {
     let apart = moved(&body, |piece| Vec3::new(-4.0, 0.0, 0.0) * f64::from(piece));
     assert!(skins.stretch(&apart) < 1e-4, "{}", skins.stretch(&apart));
     // Along the crack's own slope: in every row the gap is one open stretch.
-    let (ids, _) = skins.seen(&apart, [4.2, -70.0, 2.2]);
+    let (ids, _) = skins.seen(&apart, [4.6, -70.0, 6.0]);
+    if std::env::var_os("EYE_DEBUG").is_some() {
+        let mut f = b"P5 400 300 255\n".to_vec();
+        f.extend(ids.iter().map(|i| (i * 60) as u8));
+        std::fs::write("/tmp/o/eye/bulge.pgm", f).unwrap();
+    }
     for row in ids.chunks_exact(400) {
         let is_first = row.iter().position(|id| *id != 0);
         let Some(first) = is_first else { continue };
         let last = row.iter().rposition(|id| *id != 0).unwrap();
-        let ends = row[first..last].windows(2).filter(|w| (w[0] == 0) != (w[1] == 0));
+        let ends = row[first..last]
+            .windows(2)
+            .filter(|w| (w[0] == 0) != (w[1] == 0));
         let n = ends.count();
         assert!(n <= 2, "something hangs in the gap: {n} edges in a row");
     }
@@ -314,6 +320,13 @@ fn three_pieces_at_a_junction_come_apart_cleanly() {
     ];
     let apart = moved(&body, |piece| ways[piece as usize]);
     assert!(skins.stretch(&apart) < 1e-4, "{}", skins.stretch(&apart));
+    // The explicit crack is shown whole, though one sheet ends beyond the other, and no triangle of it spans two pieces.
+    let broken = broken_sheets(&body);
+    assert_eq!(broken.triangles.len(), 4);
+    for t in &broken.triangles {
+        let of = t.map(|v| piece_of(&body, broken.anchors[v as usize].cell));
+        assert!(of.iter().all(|piece| *piece == of[0]), "{of:?}");
+    }
 }
 
 #[test]
@@ -469,37 +482,56 @@ fn sawn_faces_leave_the_bone_where_the_saw_came_in() {
     let prepared = crate::engine::prepare(&scenario, &mut |_, _| {}).unwrap();
     let (body, region) = (&prepared.bone.cracked, &*prepared.bone.body.region.0);
     let gap = gap_skin(body, region);
+    let at = |v: u32| Vec3::from(gap.skin.rest[v as usize].map(f64::from));
+    let off_saw = |p: &Vec3| {
+        let foot = |s: &Sheet| {
+            let (_, t, w) = s.closest(p)?;
+            let corners = s.mesh.corners(t);
+            Some((0..3).map(|k| corners[k] * w[k]).sum::<Vec3>())
+        };
+        let feet = body.crack.sheets.iter().filter_map(foot);
+        feet.map(|q| (q - p).norm()).fold(f64::INFINITY, f64::min)
+    };
+    // The slit is half a kerf wide on both sides of the saw's sheet.
+    const HALF_KERF: f64 = 0.4;
     let mut vertices: Vec<u32> = gap.sawn.iter().flatten().copied().collect();
     vertices.sort_unstable();
     vertices.dedup();
-    let at = |v: &u32| Vec3::from(gap.skin.rest[*v as usize].map(f64::from));
-    // From the plane that the saw moved in: what is led out of the bone may pass its rim.
-    let off_slit = |p: Vec3| {
-        let off = |s: &Sheet| {
-            let (_, t, _) = s.closest(&p)?;
-            let normal = s.mesh.area_normal(t).try_normalize(1e-12)?;
-            Some((p - s.mesh.corners(t)[0]).dot(&normal).abs())
-        };
-        let all = body.crack.sheets.iter().filter_map(off);
-        all.fold(f64::INFINITY, f64::min)
-    };
-    let out: Vec<f64> = (vertices.iter().map(at))
-        .filter(|p| region.signed(p) > 0.1)
-        .map(off_slit)
+    // Nothing has broken yet: in the bone all is within the slit, so that no flake stays between.
+    let within = vertices.iter().map(|v| at(*v));
+    let within: Vec<f64> = (within.filter(|p| region.signed(p) < -0.5))
+        .map(|p| off_saw(&p))
         .collect();
-    // Nothing has broken yet: in the bone all is within the slit, half a kerf from its middle, so that no flake stays between.
-    let within: Vec<f64> = (vertices.iter().map(at))
-        .filter(|p| region.signed(p) < -0.5)
-        .map(off_slit)
-        .collect();
-    let flakes = within.iter().filter(|d| **d > 0.4).count();
+    let flakes = within.iter().filter(|d| **d > HALF_KERF).count();
     assert!(within.len() > 100);
     assert!(
         100 * flakes <= within.len(),
         "{flakes} of {}: {within:.2?}",
         within.len()
     );
-    let beside = out.iter().filter(|d| **d > 0.4).count();
+    // Where it comes through the bone's surface.
+    let edges = gap
+        .sawn
+        .iter()
+        .flat_map(|t| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]]);
+    let through = |e: [u32; 2]| {
+        let [mut low, mut high] = e.map(at);
+        if !(region.signed(&low) < 0.0 && region.signed(&high) > 0.1) {
+            return None;
+        }
+        for _ in 0..30 {
+            let middle = low.lerp(&high, 0.5);
+            let end = if region.signed(&middle) < 0.0 {
+                &mut low
+            } else {
+                &mut high
+            };
+            *end = middle;
+        }
+        Some(off_saw(&low))
+    };
+    let out: Vec<f64> = edges.filter_map(through).collect();
+    let beside = out.iter().filter(|d| **d > HALF_KERF).count();
     assert!(out.len() > 50);
     assert!(
         20 * beside <= out.len(),

@@ -17,6 +17,7 @@ mod live;
 mod look_back;
 mod mouse_hands;
 mod panels;
+mod picker;
 mod planner;
 mod plots;
 mod rehearsal;
