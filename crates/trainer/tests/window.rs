@@ -216,6 +216,7 @@ fn a_session_by_clicks_shows_moving_plots_pauses_resets_resizes_and_quits() {
     stage.rehearse_on(
         &sets,
         "wait Ready
+         wait Scene
          rest 4
          shot ready.png
          click Start
@@ -402,6 +403,7 @@ fn a_scenario_is_found_in_a_list_of_files() {
     std::fs::copy(shipped, stage.path("mine/other.toml")).unwrap();
     stage.rehearse(
         "wait Ready
+         wait Scene
          rest 4
          shot before.png
          click Browse
@@ -475,6 +477,7 @@ fn a_line_is_planned_dragged_and_saved_as_a_scenario() {
     };
     stage.rehearse(
         "wait Ready
+         wait Scene
          rest 4
          shot before.png
          click Plan the line

@@ -306,6 +306,8 @@ impl Parting<'_> {
 
     /// Leads the surface on where it ends at the simulation mesh's boundary, out of the true bone.
     fn lead_out(&mut self, region: &dyn SignedDistance) {
+        /// Directions are made alike in so many rounds.
+        const ALIKE: usize = 6;
         let mut ends = Vec::new();
         let mut outward: HashMap<Base, Vec3> = HashMap::new();
         let mut across: HashMap<Base, (Vec3, f64)> = HashMap::new();
@@ -328,16 +330,36 @@ impl Parting<'_> {
             }
             ends.push((i, edge));
         }
-        for (base, out) in outward {
-            let out = out.try_normalize(1e-12).unwrap_or_default();
-            let Place { at: from, cuts, .. } = self.places[&base];
-            // In the saw's cut, else in the surface's own plane, unless several meet there.
-            let (sum, n) = across[&base];
+        let outward: BTreeMap<Base, Vec3> = (outward.into_iter())
+            .map(|(base, out)| (base, out.try_normalize(1e-12).unwrap_or_default()))
+            .collect();
+        let h = self.body.solid.lengths.h;
+        // In the saw's cut, else in the surface's own plane, unless several meet there.
+        let within = |base: &Base, way: &Vec3| {
+            let Place { at, cuts, .. } = self.places[base];
+            let (sum, n) = across[base];
             let normal = sum.try_normalize(0.9 * n).unwrap_or_default();
-            let own = || (out - normal * out.dot(&normal)).try_normalize(1e-6);
-            let within = self.saw.way_out(&from, cuts, &out).or_else(own);
-            let direction = within.filter(|d| d.dot(&out) > 0.4).unwrap_or(out);
-            let h = self.body.solid.lengths.h;
+            let own = || (way - normal * way.dot(&normal)).try_normalize(1e-6);
+            let way = self.saw.way_out(&at, cuts, way).or_else(own);
+            way.filter(|d| d.dot(&outward[base]) > 0.4)
+        };
+        let mut ways: BTreeMap<Base, Vec3> = (outward.iter())
+            .map(|(base, out)| (*base, within(base, out).unwrap_or(*out)))
+            .collect();
+        // Alike from point to point: where two cuts meet, surfaces led out across their common line would twist into each other.
+        for _ in 0..ALIKE {
+            let mut sums = ways.clone();
+            for [p, q] in ends.iter().map(|(_, edge)| edge.map(|p| p.0)) {
+                let [of_p, of_q] = [ways[&p], ways[&q]];
+                *sums.entry(p).or_default() += of_q;
+                *sums.entry(q).or_default() += of_p;
+            }
+            for (base, way) in &mut ways {
+                *way = within(base, &sums[base]).unwrap_or(*way);
+            }
+        }
+        for (base, direction) in ways {
+            let from = self.places[&base].at;
             // Beyond the true surface, and a little more.
             let reach = (0..=100).map(|k| 0.015 * h * f64::from(k));
             let mut clear = reach.filter(|s| region.signed(&(from + direction * *s)) > 0.05 * h);

@@ -26,8 +26,6 @@ struct Cut {
     bounds: Aabb,
     /// Its border within the bone.
     bottom: Vec<[Vec3; 2]>,
-    /// Half the slit's width \[mm\].
-    half: f64,
 }
 
 impl SawCuts {
@@ -35,7 +33,6 @@ impl SawCuts {
     pub fn new(body: &CrackedBody, region: &dyn SignedDistance) -> Self {
         let h = body.solid.lengths.h;
         let cut = |sheet: &Sheet| {
-            let half = sheet.kerf.iter().copied().fold(0.0, f64::max);
             let sheet = Sheet {
                 mesh: sawn_part(sheet),
                 ..Sheet::default()
@@ -48,7 +45,6 @@ impl SawCuts {
                 bounds: Aabb::around(&sheet.mesh.vertices).grown(REACH * h),
                 sheet,
                 bottom,
-                half,
             }
         };
         Self {
@@ -98,8 +94,7 @@ impl SawCuts {
             let foot = c.foot(p)?;
             let off = (foot - p).norm();
             let behind = nearest(&foot, &c.bottom).map_or(self.h, |q| (q - foot).norm());
-            // Beside the slit there is no sawn face, whatever part of the cut's border is nearest.
-            let is_beyond = behind < 1e-9 || off > c.half;
+            let is_beyond = behind < 1e-9 || off > REACH * self.h;
             Some(if is_beyond { -off } else { behind })
         };
         let near = self.cuts.iter().filter(|c| c.bounds.contains(p));
