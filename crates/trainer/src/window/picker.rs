@@ -32,11 +32,9 @@ impl Picker {
             let is_folder = entry.path().is_dir();
             let extension = entry.path().extension().map(|e| e.to_ascii_lowercase());
             let opens = extension.is_some_and(|e| e == "toml" || e == "mcap");
-            if name.starts_with('.') {
-                continue;
-            } else if is_folder {
+            if is_folder && !name.starts_with('.') {
                 folders.push(name);
-            } else if opens {
+            } else if opens && !is_folder && !name.starts_with('.') {
                 files.push(name);
             }
         }
