@@ -217,6 +217,7 @@ fn a_session_by_clicks_shows_moving_plots_pauses_resets_resizes_and_quits() {
         &sets,
         "wait Ready
          wait Scene
+         gone drawing
          rest 4
          shot ready.png
          click Start
@@ -404,6 +405,7 @@ fn a_scenario_is_found_in_a_list_of_files() {
     stage.rehearse(
         "wait Ready
          wait Scene
+         gone drawing
          rest 4
          shot before.png
          click Browse
@@ -478,6 +480,7 @@ fn a_line_is_planned_dragged_and_saved_as_a_scenario() {
     stage.rehearse(
         "wait Ready
          wait Scene
+         gone drawing
          rest 4
          shot before.png
          click Plan the line
