@@ -22,7 +22,7 @@ pub struct Options {
 }
 
 /// A picture, row by row from the top, sRGB with opaque alpha.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Image {
     /// Pixels across.
     pub width: usize,

@@ -1,45 +1,43 @@
-//! Two pictures in one.
+//! Pictures of two eyes, or of more, in one.
 use crate::frame::Image;
 
-/// How the pictures of both eyes share one frame.
+/// How the pictures of both eyes, or of several views from left to right, share one frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stereo {
-    /// The left eye's picture in the left half, both squeezed to half their width.
+    /// Columns, the leftmost view's on the left, each picture squeezed into one.
     SideBySide,
-    /// The left eye's picture in the upper half, both squeezed to half their height.
+    /// Bands, the leftmost view's above, each picture squeezed into one.
     OverUnder,
-    /// Even rows for the left eye, odd rows for the right: polarised monitors.
+    /// Rows in turn: polarised monitors show even ones to the left eye, odd ones to the right.
     Interlaced,
-    /// Red for the left eye, green and blue for the right.
+    /// Red for the first eye, green and blue for the last.
     Anaglyph,
 }
 
-/// One picture of two of equal size, and of that size.
-pub fn compose(left: &Image, right: &Image, stereo: Stereo) -> Image {
-    let (w, h) = (left.width, left.height);
+/// One picture of several of equal size, and of that size; of none, none.
+pub fn compose(views: &[Image], stereo: Stereo) -> Image {
+    let [Some(first), Some(last)] = [views.first(), views.last()] else {
+        return Image::default();
+    };
+    let (w, h, n) = (first.width, first.height, views.len());
+    // The view seen at a place, and the first of the n places that it is squeezed from.
+    let place = |x: usize, wide: usize| {
+        let view = x * n / wide;
+        (view, n * (x - (view * wide).div_ceil(n)))
+    };
     let pixel = |i: usize| {
         let (x, y) = (i % w, i / w);
         match stereo {
             Stereo::SideBySide => {
-                let half = w.div_ceil(2);
-                let (eye, x) = if x < half {
-                    (left, x)
-                } else {
-                    (right, x - half)
-                };
-                mean(eye, [2 * x, y], [2 * x + 1, y])
+                let (view, from) = place(x, w);
+                mean((from..from + n).map(|x| views[view].pixels[y * w + x.min(w - 1)]))
             }
             Stereo::OverUnder => {
-                let half = h.div_ceil(2);
-                let (eye, y) = if y < half {
-                    (left, y)
-                } else {
-                    (right, y - half)
-                };
-                mean(eye, [x, 2 * y], [x, 2 * y + 1])
+                let (view, from) = place(y, h);
+                mean((from..from + n).map(|y| views[view].pixels[y.min(h - 1) * w + x]))
             }
-            Stereo::Interlaced => [left, right][y % 2].pixels[i],
-            Stereo::Anaglyph => anaglyph(left.pixels[i], right.pixels[i]),
+            Stereo::Interlaced => views[y % n].pixels[i],
+            Stereo::Anaglyph => anaglyph(first.pixels[i], last.pixels[i]),
         }
     };
     Image {
@@ -49,12 +47,13 @@ pub fn compose(left: &Image, right: &Image, stereo: Stereo) -> Image {
     }
 }
 
-fn mean(image: &Image, a: [usize; 2], b: [usize; 2]) -> [u8; 4] {
-    let at = |[x, y]: [usize; 2]| {
-        image.pixels[y.min(image.height - 1) * image.width + x.min(image.width - 1)]
-    };
-    let (a, b) = (at(a), at(b));
-    std::array::from_fn(|k| ((u16::from(a[k]) + u16::from(b[k])) / 2) as u8)
+fn mean(pixels: impl ExactSizeIterator<Item = [u8; 4]>) -> [u8; 4] {
+    let n = pixels.len() as u32;
+    let mut sums = [0u32; 4];
+    for p in pixels {
+        (0..4).for_each(|k| sums[k] += u32::from(p[k]));
+    }
+    sums.map(|sum| (sum / n) as u8)
 }
 
 /// The left eye sees brightness through the red glass, so that red things do not shine into one eye only.
@@ -131,7 +130,7 @@ mod tests {
     #[test]
     fn each_eye_has_its_part() {
         let (l, r) = ([200, 0, 0, 255], [0, 100, 50, 255]);
-        let made = |s| compose(&plain(l), &plain(r), s).pixels;
+        let made = |s| compose(&[plain(l), plain(r)], s).pixels;
         let at = |p: &[[u8; 4]], x: usize, y: usize| p[4 * y + x];
         let p = made(Stereo::SideBySide);
         assert_eq!([at(&p, 1, 3), at(&p, 2, 0)], [l, r]);
@@ -140,5 +139,22 @@ mod tests {
         let p = made(Stereo::Interlaced);
         assert_eq!([at(&p, 0, 2), at(&p, 0, 3)], [l, r]);
         assert_eq!(made(Stereo::Anaglyph)[5], [60, 100, 50, 255]);
+    }
+
+    #[test]
+    fn each_of_four_views_has_its_part() {
+        let views: Vec<Image> = (0..4).map(|k| plain([k, 0, 0, 255])).collect();
+        let made = |s| {
+            let pixels = compose(&views, s).pixels;
+            pixels.iter().map(|p| p[0]).collect::<Vec<_>>()
+        };
+        let row = [0, 1, 2, 3];
+        assert_eq!(made(Stereo::SideBySide), [row; 4].concat());
+        let bands = row.map(|k| [k; 4]).concat();
+        assert_eq!(made(Stereo::OverUnder), bands);
+        assert_eq!(made(Stereo::Interlaced), bands);
+        // Three views do not divide four columns.
+        let three = compose(&views[..3], Stereo::SideBySide).pixels;
+        assert_eq!([0, 1, 2, 3].map(|x| three[x][0]), [0, 0, 1, 2]);
     }
 }

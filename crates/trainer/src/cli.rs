@@ -327,10 +327,21 @@ pub struct RenderArgs {
     /// From where
     #[arg(long, value_enum, value_name = "NAME", default_value_t = View::Close)]
     pub view: View,
+    /// Goes around what is looked at, to the right and up \[degrees\]
+    #[arg(long, value_name = "RIGHT,UP", value_parser = numbers::<2>, allow_hyphen_values = true)]
+    pub turn: Option<[f64; 2]>,
+    /// Looks at another point \[mm\]
+    #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
+    pub target: Option<[f64; 3]>,
+    /// Goes nearer: at 2 everything is twice as large
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = zoom)]
+    pub zoom: f64,
+    /// Leaves out the chisels and their loads
+    #[arg(long)]
+    pub no_tools: bool,
     /// Looks through the bone, with the crack in red
     #[arg(long)]
     pub transparent: bool,
-
     /// A schematic head around: lips, skin, cheek retractor, upper teeth
     #[arg(long)]
     pub head: bool,
@@ -340,6 +351,9 @@ pub struct RenderArgs {
     /// For two eyes
     #[arg(long, value_enum, value_name = "MODE")]
     pub stereo: Option<StereoMode>,
+    /// From so many places side by side instead of two, 2 to 16
+    #[arg(long, value_name = "N", requires = "stereo", value_parser = clap::value_parser!(u8).range(2..=16))]
+    pub views: Option<u8>,
     /// Draws on the processor, even where there is a graphics card
     #[arg(long, conflicts_with = "gpu")]
     pub cpu: bool,
@@ -358,6 +372,25 @@ pub struct RenderArgs {
 fn apart(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|mm| (0.0..=100.0).contains(mm));
     number.ok_or_else(|| "give a distance of 0 to 100 mm".to_owned())
+}
+
+/// .1 to 20.
+fn zoom(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|f| (0.1..=20.0).contains(f));
+    number.ok_or_else(|| "give a factor of .1 to 20".to_owned())
+}
+
+/// So many, each between -10,000 and 10,000.
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let number = |t: &str| t.trim().parse().ok().filter(|v: &f64| v.abs() <= 1e4);
+    let all: Option<Vec<f64>> = text.split(',').map(number).collect();
+    let all = all.and_then(|v| v.try_into().ok());
+    all.ok_or_else(|| {
+        format!(
+            "give {N} numbers with commas between, like {}",
+            ["1.5"; N].join(",")
+        )
+    })
 }
 
 /// 16 to 4096 pixels each way.

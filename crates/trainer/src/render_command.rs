@@ -1,11 +1,11 @@
 //! `render`: pictures and films of a recorded session.
 use crate::cli::{Failure, RenderArgs};
 use crate::commands;
-use crate::picture::{Finish, Stage, Video, write_png};
+use crate::picture::{Finish, Orbit, Stage, Video, write_png};
 use crate::session::Recording;
 use crate::talk::{self, Progress};
 use anyhow::{Context, Result, anyhow, bail};
-use osteotome_render::Renderer;
+use osteotome_render::{Camera, Renderer};
 use std::path::Path;
 
 /// A picture at one time, or a film of the whole session.
@@ -40,6 +40,8 @@ pub fn render(args: &RenderArgs) -> Result<(), Failure> {
         .with_context(named)
         .map_err(Failure::Input)?;
     stage.show_head(args.head);
+    stage.show_tools(!args.no_tools);
+    stage.look_from(args.views.map(usize::from));
     let work = match film {
         Some(film) => shoot(&mut stage, &mut renderer, args, film, seconds),
         None => picture(&mut stage, &mut renderer, args),
@@ -67,12 +69,25 @@ fn renderer(args: &RenderArgs) -> Result<Renderer> {
     })
 }
 
+/// From where it is looked at.
+fn camera(stage: &Stage, args: &RenderArgs) -> Camera {
+    let named = stage.camera(args.view, args.size[0] as f64 / args.size[1] as f64);
+    let mut orbit = Orbit::of(&named);
+    if let Some(target) = args.target {
+        orbit.look_at(target.into());
+    }
+    let [right, up] = args.turn.unwrap_or_default().map(f64::to_radians);
+    orbit.turn(right, up);
+    orbit.zoom(1.0 / args.zoom);
+    orbit.camera()
+}
+
 fn picture(stage: &mut Stage, renderer: &mut Renderer, args: &RenderArgs) -> Result<()> {
     let (Some(at), Some(path)) = (args.at, &args.output) else {
         bail!("--at and -o go together");
     };
     let moment = stage.at(at, args.apart)?;
-    let camera = stage.camera(args.view, args.size[0] as f64 / args.size[1] as f64);
+    let camera = camera(stage, args);
     let image = finish(args).print(renderer, &moment, &camera, "");
     write_png(path, &image)?;
     talk::say(&format!(
@@ -91,7 +106,7 @@ fn shoot(
     seconds: f64,
 ) -> Result<()> {
     let n = (seconds * f64::from(Video::RATE)).ceil().max(1.0) as u64;
-    let camera = stage.camera(args.view, args.size[0] as f64 / args.size[1] as f64);
+    let camera = camera(stage, args);
     let mut bar = Progress::new("Filming", n);
     for k in 0..n {
         let time = k as f64 / f64::from(Video::RATE);

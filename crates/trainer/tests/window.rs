@@ -216,6 +216,8 @@ fn a_session_by_clicks_shows_moving_plots_pauses_resets_resizes_and_quits() {
     stage.rehearse_on(
         &sets,
         "wait Ready
+         wait Scene
+         gone drawing
          rest 4
          shot ready.png
          click Start
@@ -390,6 +392,44 @@ fn a_session_is_looked_back_at_gone_on_from_and_remembered() {
     }
 }
 
+/// A folder looked through, and a scenario in it gone over to.
+#[test]
+fn a_scenario_is_found_in_a_list_of_files() {
+    let Some(stage) = Stage::open("") else { return };
+    let shipped = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../scenarios/bsso_left.toml"
+    );
+    std::fs::create_dir(stage.path("mine")).unwrap();
+    std::fs::copy(shipped, stage.path("mine/other.toml")).unwrap();
+    stage.rehearse(
+        "wait Ready
+         wait Scene
+         gone drawing
+         rest 4
+         shot before.png
+         click Browse
+         wait Open a scenario or a session
+         click mine/
+         wait other.toml
+         rest 1
+         shot list.png
+         click other.toml
+         gone Open a scenario or a session
+         wait Ready
+         rest 4
+         shot left.png
+         quit",
+    );
+    let [before, list, left] = ["before", "list", "left"].map(|n| stage.shot(&format!("{n}.png")));
+    let n = n_different(&before.scene(), &list.scene());
+    assert!(n * 4 > before.scene().len(), "the list covers {n} pixels");
+    let n = n_different(&before.scene(), &left.scene());
+    assert!(n > 20_000, "the other side changed {n} pixels");
+    let kept = std::fs::read_to_string(stage.path("config/window.toml")).unwrap();
+    assert!(kept.contains("other.toml"), "{kept}");
+}
+
 /// Opened on a moment of a recording, the window waits there, goes on when told to, and ends with the recording's time.
 #[test]
 fn a_recording_named_on_the_command_line_is_gone_on_from() {
@@ -439,6 +479,8 @@ fn a_line_is_planned_dragged_and_saved_as_a_scenario() {
     };
     stage.rehearse(
         "wait Ready
+         wait Scene
+         gone drawing
          rest 4
          shot before.png
          click Plan the line

@@ -142,18 +142,9 @@ impl Slits {
 
     /// For each tetrahedron, whether its cells, their fragments, or the parting surface around it are others than last time.
     fn touched(&self, body: &CrackedBody, cells: &[(Cell, u32)], gap: &GapSkin) -> Vec<bool> {
-        let tets = body.solid.mesh.tets();
-        let mut near = vec![false; body.solid.mesh.nodes().len()];
         let parting = self.parting.keys().chain(gap.parting.keys());
-        for t in parting.filter(|t| self.parting.get(t) != gap.parting.get(t)) {
-            tets[*t as usize]
-                .iter()
-                .for_each(|n| near[*n as usize] = true);
-        }
-        let mut touched: Vec<bool> = tets
-            .iter()
-            .map(|t| t.iter().any(|n| near[*n as usize]))
-            .collect();
+        let others = parting.filter(|t| self.parting.get(t) != gap.parting.get(t));
+        let mut touched = around(body, others.copied());
         let is_one = |a: &(Cell, u32), b: &(Cell, u32)| a.0.tet == b.0.tet;
         let both = self.cells.chunk_by(is_one).zip(cells.chunk_by(is_one));
         for (old, new) in both {
@@ -163,17 +154,29 @@ impl Slits {
     }
 }
 
-/// For each tetrahedron, whether it shares a node with a divided one: an edge that stays away from them is whole.
+/// For each tetrahedron, whether the parting surface may pass by it: an edge that stays away from it is whole.
 fn near_crack(body: &CrackedBody) -> Vec<bool> {
+    let n = body.solid.mesh.tets().len() as u32;
+    around(body, (0..n).filter(|t| body.topology.is_divided(*t)))
+}
+
+/// How far beyond the tetrahedra that it divides the parting surface is asked, in rings of those that touch: led out of the bone, it
+/// passes over their neighbours.
+const RINGS: usize = 2;
+
+/// For each tetrahedron, whether it is one of these or in the rings about them.
+fn around(body: &CrackedBody, these: impl Iterator<Item = u32>) -> Vec<bool> {
     let mesh = &body.solid.mesh;
-    let mut near = vec![false; mesh.nodes().len()];
-    for (t, nodes) in (0u32..).zip(mesh.tets()) {
-        if body.topology.is_divided(t) {
-            nodes.iter().for_each(|n| near[*n as usize] = true);
-        }
+    let mut is_in = vec![false; mesh.tets().len()];
+    these.for_each(|t| is_in[t as usize] = true);
+    for _ in 0..RINGS {
+        let mut near = vec![false; mesh.nodes().len()];
+        let inside = mesh.tets().iter().zip(&is_in).filter(|(_, is_in)| **is_in);
+        inside.for_each(|(nodes, _)| nodes.iter().for_each(|n| near[*n as usize] = true));
+        let touches = |nodes: &[u32; 4]| nodes.iter().any(|n| near[*n as usize]);
+        is_in = mesh.tets().iter().map(touches).collect();
     }
-    let is_near = |nodes: &[u32; 4]| nodes.iter().any(|n| near[*n as usize]);
-    mesh.tets().iter().map(is_near).collect()
+    is_in
 }
 
 fn name_of(body: &CrackedBody, cell: u32) -> Name {
@@ -331,13 +334,13 @@ impl Slitter<'_> {
 struct Sides<'a> {
     body: &'a CrackedBody,
     gap: &'a GapSkin,
-    /// For each tetrahedron that was asked for, the parting surface in it and around it.
-    around: HashMap<u32, Around>,
+    /// For each tetrahedron that was asked for, the parting surface around it, for points within it and for those out of the mesh.
+    around: HashMap<(u32, bool), Around>,
 }
 
 /// The parting surface near a tetrahedron: it is led on out of the bone, so that it passes by others than those that it divides.
 struct Around {
-    /// In it and in those that touch it.
+    /// In it and in those that touch it; for points out of the mesh a ring more.
     facets: Vec<Facet>,
     /// Those of them that it divides.
     divided: Vec<u32>,
@@ -378,7 +381,12 @@ impl<'a> Sides<'a> {
     fn cell_at(&mut self, p: &Vec3, tet: u32, weights: &[f64; 4]) -> u32 {
         let (body, gap) = (self.body, self.gap);
         let (topology, mesh) = (&body.topology, &body.solid.mesh);
-        let near = (self.around.entry(tet)).or_insert_with(|| Around::of(body, gap, tet));
+        /// Beyond it by less, a point is still looked at as within.
+        const OUT: f64 = -0.02;
+        let is_out = weights.iter().any(|w| *w < OUT);
+        let rings = if is_out { RINGS } else { 1 };
+        let key = (tet, is_out);
+        let near = (self.around.entry(key)).or_insert_with(|| Around::of(body, gap, tet, rings));
         if near.facets.is_empty() {
             return topology.cell_at(tet, weights);
         }
@@ -406,13 +414,19 @@ impl<'a> Sides<'a> {
 }
 
 impl Around {
-    fn of(body: &CrackedBody, gap: &GapSkin, tet: u32) -> Self {
+    fn of(body: &CrackedBody, gap: &GapSkin, tet: u32, rings: usize) -> Self {
         let mesh = &body.solid.mesh;
-        let nodes = mesh.tets()[tet as usize];
-        let stars = nodes.iter().flat_map(|n| mesh.tets_of_node(*n as usize));
-        let mut divided: Vec<u32> = stars.copied().collect();
-        divided.sort_unstable();
-        divided.dedup();
+        let mut divided = vec![tet];
+        for _ in 0..rings {
+            let nodes = divided.iter().flat_map(|t| mesh.tets()[*t as usize]);
+            let mut nodes: Vec<u32> = nodes.collect();
+            nodes.sort_unstable();
+            nodes.dedup();
+            let stars = nodes.iter().flat_map(|n| mesh.tets_of_node(*n as usize));
+            divided = stars.copied().collect();
+            divided.sort_unstable();
+            divided.dedup();
+        }
         divided.retain(|t| gap.parting.contains_key(t));
         let parting = divided.iter().filter_map(|t| gap.parting.get(t));
         Self {

@@ -9,7 +9,7 @@ use super::saw_cuts::SawCuts;
 use osteotome_mechanics::crack::{Cell, CrackedBody, Sheet};
 use osteotome_mechanics::geometry::{NO_TET, SignedDistance, TET_EDGES, TET_FACES, TriMesh, Vec3};
 use osteotome_render::skin::{CRUMBS, Part, Skin as Drawn, Wear};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// The sawn part of all sheets as closed volumes.
 pub fn kerf_skin(body: &CrackedBody) -> Skin {
@@ -35,7 +35,7 @@ pub fn kerf_skin(body: &CrackedBody) -> Skin {
     skin
 }
 
-/// The explicit crack beyond the saw's slit: where the bone broke. Triangles that would span two fragments are left out.
+/// The explicit crack beyond the saw's slit: where the bone broke. A triangle that would span two fragments goes with one of them.
 pub fn broken_sheets(body: &CrackedBody) -> Skin {
     let mut skin = Skin::default();
     for sheet in &body.crack.sheets {
@@ -45,12 +45,17 @@ pub fn broken_sheets(body: &CrackedBody) -> Skin {
             push_on_side(body, &mut skin, p, n);
         }
         let broken = sheet.mesh.triangles.iter().filter(|t| !is_sawn(sheet, t));
-        let own = |t: &[u32; 3]| {
-            let pieces = t.map(|v| piece_of(body, skin.anchors[v as usize].cell));
-            pieces.iter().all(|p| *p == pieces[0])
-        };
-        let shown: Vec<[u32; 3]> = broken.map(|t| t.map(|v| v + first)).filter(own).collect();
-        skin.triangles.extend(shown);
+        for t in broken.map(|t| t.map(|v| v + first)) {
+            let cells = t.map(|v| skin.anchors[v as usize].cell);
+            let of = cells.map(|c| piece_of(body, c));
+            // With that of most corners.
+            let k = usize::from(of[0] != of[1] && of[0] != of[2]);
+            let own = [0, 1, 2].map(|i| match of[i] == of[k] {
+                true => t[i],
+                false => push_with(body, &mut skin, cells[k], t[i]),
+            });
+            skin.triangles.push(own);
+        }
     }
     skin
 }
@@ -74,6 +79,14 @@ fn push_on_side(body: &CrackedBody, skin: &mut Skin, p: &Vec3, side: &Vec3) {
     let (tet, weights) = tet_at(body, p);
     let cell = body.topology.cell_towards(&body.solid.mesh, tet, p, side);
     skin.push(Anchor { cell, weights }, p);
+}
+
+/// Another vertex' place, as a cell moves it.
+fn push_with(body: &CrackedBody, skin: &mut Skin, cell: u32, vertex: u32) -> u32 {
+    let p = Vec3::from(skin.rest[vertex as usize].map(f64::from));
+    let tet = body.topology.cells()[cell as usize].tet;
+    let weights = body.solid.mesh.barycentric(tet as usize, &p);
+    skin.push(Anchor { cell, weights }, &p)
 }
 
 /// The opened crack.
@@ -293,6 +306,8 @@ impl Parting<'_> {
 
     /// Leads the surface on where it ends at the simulation mesh's boundary, out of the true bone.
     fn lead_out(&mut self, region: &dyn SignedDistance) {
+        /// Directions are made alike in so many rounds.
+        const ALIKE: usize = 6;
         let mut ends = Vec::new();
         let mut outward: HashMap<Base, Vec3> = HashMap::new();
         let mut across: HashMap<Base, (Vec3, f64)> = HashMap::new();
@@ -315,26 +330,82 @@ impl Parting<'_> {
             }
             ends.push((i, edge));
         }
-        for (base, out) in outward {
-            let out = out.try_normalize(1e-12).unwrap_or_default();
-            let Place { at: from, cuts, .. } = self.places[&base];
-            // In the saw's cut, else in the surface's own plane, unless several meet there.
-            let (sum, n) = across[&base];
+        let outward: BTreeMap<Base, Vec3> = (outward.into_iter())
+            .map(|(base, out)| (base, out.try_normalize(1e-12).unwrap_or_default()))
+            .collect();
+        let h = self.body.solid.lengths.h;
+        // In the saw's cut, else in the surface's own plane, unless several meet there.
+        let within = |base: &Base, way: &Vec3| {
+            let Place { at, cuts, .. } = self.places[base];
+            let (sum, n) = across[base];
             let normal = sum.try_normalize(0.9 * n).unwrap_or_default();
-            let own = || (out - normal * out.dot(&normal)).try_normalize(1e-6);
-            let within = self.saw.way_out(&from, cuts, &out).or_else(own);
-            let direction = within.filter(|d| d.dot(&out) > 0.4).unwrap_or(out);
-            let h = self.body.solid.lengths.h;
+            let own = || (way - normal * way.dot(&normal)).try_normalize(1e-6);
+            let way = self.saw.way_out(&at, cuts, way).or_else(own);
+            way.filter(|d| d.dot(&outward[base]) > 0.4)
+        };
+        let mut ways: BTreeMap<Base, Vec3> = (outward.iter())
+            .map(|(base, out)| (*base, within(base, out).unwrap_or(*out)))
+            .collect();
+        // Alike from point to point: where two cuts meet, surfaces led out across their common line would twist into each other.
+        for _ in 0..ALIKE {
+            let mut sums = ways.clone();
+            for [p, q] in ends.iter().map(|(_, edge)| edge.map(|p| p.0)) {
+                let [of_p, of_q] = [ways[&p], ways[&q]];
+                *sums.entry(p).or_default() += of_q;
+                *sums.entry(q).or_default() += of_p;
+            }
+            for (base, way) in &mut ways {
+                *way = within(base, &sums[base]).unwrap_or(*way);
+            }
+        }
+        for (base, direction) in ways {
+            let from = self.places[&base].at;
             // Beyond the true surface, and a little more.
             let reach = (0..=100).map(|k| 0.015 * h * f64::from(k));
             let mut clear = reach.filter(|s| region.signed(&(from + direction * *s)) > 0.05 * h);
             let length = (clear.next().unwrap_or(0.3 * h) + 0.1 * h).max(0.6 * h);
             self.way_out.insert(base, direction * length);
         }
+        let edges = ends.iter().map(|(_, edge)| edge.map(|p| p.0));
+        self.clear_chords(&edges.collect::<Vec<_>>(), region);
         for (i, [p, q]) in ends {
             let cells = self.pieces[i].cells;
             let points = [q, p, (p.0, true), (q.0, true)];
             self.pieces.push(Piece { cells, points });
+        }
+    }
+
+    /// Leads both ends of an edge out farther where the bone bulges between them: what is left beyond the edge would hang across the
+    /// gap.
+    fn clear_chords(&mut self, edges: &[[Base; 2]], region: &dyn SignedDistance) {
+        const ROUNDS: usize = 5;
+        /// Farther by so much in each \[element sizes\].
+        const FARTHER: f64 = 0.15;
+        const BETWEEN: [f64; 5] = [0.15, 0.3, 0.5, 0.7, 0.85];
+        let h = self.body.solid.lengths.h;
+        let mut asked: Vec<[Base; 2]> = edges.to_vec();
+        for _ in 0..ROUNDS {
+            let tip = |base: Base| self.places[&base].at + self.way_out[&base];
+            let is_within = |[p, q]: &[Base; 2]| {
+                let [p, q] = [tip(*p), tip(*q)];
+                let at = |s: f64| region.signed(&p.lerp(&q, s));
+                BETWEEN.into_iter().any(|s| at(s) < 0.05 * h)
+            };
+            asked.retain(is_within);
+            let short: BTreeSet<Base> = asked.iter().flatten().copied().collect();
+            if short.is_empty() {
+                break;
+            }
+            for base in &short {
+                let (at, way) = (self.places[base].at, self.way_out[base]);
+                let farther = way * (1.0 + FARTHER * h / way.norm());
+                // Not across a hollow into the bone on its other side.
+                if region.signed(&(at + farther)) > region.signed(&(at + way)) {
+                    self.way_out.insert(*base, farther);
+                }
+            }
+            let is_touched = |e: &&[Base; 2]| e.iter().any(|p| short.contains(p));
+            asked = edges.iter().filter(is_touched).copied().collect();
         }
     }
 
@@ -420,6 +491,7 @@ impl Parting<'_> {
             }
             let share = from.depth / (from.depth - to.depth);
             let p = self.rest(u).lerp(&self.rest(v), share);
+            let p = self.saw.stop(&p).unwrap_or(p);
             let vertex = self.push(cells[side], &p);
             self.stops.insert(key, vertex);
             vertex

@@ -21,13 +21,13 @@ pub struct Finish {
     pub stereo: Option<StereoMode>,
 }
 
-/// How the pictures of both eyes share one.
+/// How the pictures of both eyes, or of more views, share one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StereoMode {
-    /// Halves, left eye left.
+    /// Columns, left eye left.
     SideBySide,
-    /// Halves, left eye above.
+    /// Bands, left eye above.
     OverUnder,
     /// Rows in turn.
     Interlaced,
@@ -63,37 +63,46 @@ impl Finish {
         let Some(stereo) = self.stereo else {
             return eye(camera);
         };
-        let [left, right] = eyes(camera, moment.eyes()).each_ref().map(eye);
-        stereo.join(&left, &right)
+        let views: Vec<Image> = stereo
+            .views(camera, moment.eyes())
+            .iter()
+            .map(eye)
+            .collect();
+        stereo.join(&views)
     }
 }
 
-/// The left and the right eye of an observer at `camera`.
-pub fn eyes(camera: &Camera, wanted: Eyes) -> [Camera; 2] {
-    let convergence = wanted.convergence.map_or(camera.distance, |mm| mm as f32);
-    let separation = wanted.eye_separation.map(|mm| mm as f32);
-    let aside = 0.5 * separation.unwrap_or(EYES * convergence);
-    let converging = Camera {
-        distance: convergence,
-        ..*camera
-    };
-    [-aside, aside].map(|a| Camera {
-        // Where a scale bar is right.
-        distance: camera.distance,
-        ..converging.aside(a)
-    })
-}
-
 impl StereoMode {
-    /// The pictures of both eyes in one.
-    pub fn join(self, left: &Image, right: &Image) -> Image {
+    /// The eyes of an observer at `camera`, from left to right; coloured glasses have two.
+    pub fn views(self, camera: &Camera, wanted: Eyes) -> Vec<Camera> {
+        let convergence = wanted.convergence.map_or(camera.distance, |mm| mm as f32);
+        let separation = wanted.eye_separation.map(|mm| mm as f32);
+        let separation = separation.unwrap_or(EYES * convergence);
+        let converging = Camera {
+            distance: convergence,
+            ..*camera
+        };
+        let n = match self {
+            Self::Anaglyph => 2,
+            _ => wanted.views.unwrap_or(2),
+        };
+        let eye = |k: usize| Camera {
+            // Where a scale bar is right.
+            distance: camera.distance,
+            ..converging.aside((k as f32 - 0.5 * (n - 1) as f32) * separation)
+        };
+        (0..n).map(eye).collect()
+    }
+
+    /// The pictures of all views in one.
+    pub fn join(self, views: &[Image]) -> Image {
         let mode = match self {
             Self::SideBySide => Stereo::SideBySide,
             Self::OverUnder => Stereo::OverUnder,
             Self::Interlaced => Stereo::Interlaced,
             Self::Anaglyph => Stereo::Anaglyph,
         };
-        compose(left, right, mode)
+        compose(views, mode)
     }
 }
 
@@ -331,16 +340,30 @@ mod tests {
         let near = Eyes {
             eye_separation: Some(10.0),
             convergence: Some(120.0),
+            views: None,
         };
         for (wanted, at, separation) in
             [(Eyes::default(), 200.0, 200.0 / 30.0), (near, 120.0, 10.0)]
         {
-            let [left, right] = eyes(&camera, wanted);
+            let eyes = StereoMode::SideBySide.views(&camera, wanted);
+            let [left, right] = eyes.try_into().unwrap();
             assert!((right.eye[0] - left.eye[0] - separation).abs() < 1e-3);
             // Both middles of the picture meet there.
             let shift = 0.5 * separation / (at * camera.tangent);
             assert!((right.shift - shift).abs() < 1e-6 && (left.shift + shift).abs() < 1e-6);
             assert_eq!(left.distance, camera.distance);
         }
+        let five = Eyes {
+            views: Some(5),
+            ..near
+        };
+        let places = |mode: StereoMode| -> Vec<f32> {
+            mode.views(&camera, five).iter().map(|c| c.eye[0]).collect()
+        };
+        assert_eq!(
+            places(StereoMode::Interlaced),
+            [-20.0, -10.0, 0.0, 10.0, 20.0]
+        );
+        assert_eq!(places(StereoMode::Anaglyph), [-5.0, 5.0]);
     }
 }

@@ -101,6 +101,14 @@ impl SawCuts {
         near.filter_map(of_cut).fold(-self.h, f64::max)
     }
 
+    /// The point nearest to `p` at which the saw came to a stop; `None` if there is none near.
+    pub fn stop(&self, p: &Vec3) -> Option<Vec3> {
+        let near = self.cuts.iter().filter(|c| c.bounds.contains(p));
+        let feet = near.filter_map(|c| nearest(p, &c.bottom));
+        let foot = feet.min_by(|a, b| (a - p).norm().total_cmp(&(b - p).norm()));
+        foot.filter(|q| (q - p).norm() < ON * self.h)
+    }
+
     fn chosen(&self, on: u64) -> impl Iterator<Item = &Cut> {
         let cuts = self.cuts.iter().enumerate().take(64);
         cuts.filter(move |c| on >> c.0 & 1 == 1).map(|c| c.1)

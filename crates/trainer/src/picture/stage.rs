@@ -21,6 +21,8 @@ pub struct Stage<'a> {
     skinner: Skinner<'a>,
     recording: &'a Recording,
     shows_head: bool,
+    shows_tools: bool,
+    views: Option<usize>,
 }
 
 /// A patient's bone, ready to be shown in any state of any session.
@@ -46,8 +48,10 @@ pub struct Instant<'a> {
     pub bone: Option<&'a BoneSample>,
     /// Both hands.
     pub hands: [&'a HandSample; 2],
-    /// How far fragments are taken apart along the mean normal of their broken faces, all but the largest \[mm\].
+    /// How far fragments are taken apart, off all faces that held them, all but the largest \[mm\].
     pub apart: f64,
+    /// Whether the chisels are shown, and their loads.
+    pub shows_tools: bool,
     /// Whether arrows show the loads.
     pub shows_loads: bool,
     /// Whether a schematic head shows from where the chisels can come.
@@ -109,12 +113,24 @@ impl<'a> Stage<'a> {
             skinner,
             recording,
             shows_head: false,
+            shows_tools: true,
+            views: None,
         })
     }
 
     /// Shows a schematic head, or not.
     pub fn show_head(&mut self, is_shown: bool) {
         self.shows_head = is_shown;
+    }
+
+    /// Shows the chisels and their loads, or not.
+    pub fn show_tools(&mut self, are_shown: bool) {
+        self.shows_tools = are_shown;
+    }
+
+    /// Looks from so many places side by side where pictures are in stereo, whatever the scenario says.
+    pub fn look_from(&mut self, views: Option<usize>) {
+        self.views = views;
     }
 
     /// The recording.
@@ -128,7 +144,7 @@ impl<'a> Stage<'a> {
     }
 
     /// The scene at `time` \[s\], or at the session's nearest end: hands of that step, the bone as last recorded before. All
-    /// fragments but the largest are moved `apart` \[mm\] along the mean normal of their broken faces.
+    /// fragments but the largest are moved `apart` \[mm\], off all faces that held them.
     ///
     /// # Errors
     /// A recording that does not fit the bone.
@@ -145,6 +161,7 @@ impl<'a> Stage<'a> {
                 .each_ref()
                 .map(|h| &h[step.min(h.len() - 1)]),
             apart,
+            shows_tools: self.shows_tools,
             shows_loads: true,
             shows_head: self.shows_head,
         };
@@ -153,7 +170,9 @@ impl<'a> Stage<'a> {
             let dressed = self.skinner.make(generation, &recording.growth)?;
             self.scenery.dress(dressed, instant.bone)?;
         }
-        self.scenery.moment(&instant)
+        let mut moment = self.scenery.moment(&instant)?;
+        moment.eyes.views = self.views.or(moment.eyes.views);
+        Ok(moment)
     }
 }
 
@@ -222,8 +241,10 @@ impl<'a> Scenery<'a> {
         for (i, hand) in now.hands.iter().enumerate() {
             let (force, torque) = load_on_bone(hand, self.scenario, i);
             loads[i] = [force.norm(), torque.norm()];
-            props.extend(self.chisels[i].at(&hand.tool_pose));
-            if now.shows_loads {
+            if now.shows_tools {
+                props.extend(self.chisels[i].at(&hand.tool_pose));
+            }
+            if now.shows_tools && now.shows_loads {
                 props.extend(load(look::LOADS[i], &hand.tool_pose, &force, &torque));
             }
         }
@@ -281,17 +302,39 @@ fn taken_apart(dressed: &Dressed, cells: &[MovedCell], apart: f64) -> Arc<[Moved
 /// For each fragment a unit vector away from what it broke off; zero for the largest.
 pub fn away(body: &CrackedBody, gap: &GapSkin) -> Vec<Vec3> {
     let fragment = |c: usize| piece_of(body, c as u32) as usize;
-    let mut away = vec![Vec3::zeros(); body.fragments.volume_share.len()];
-    for ([a, b], normal) in &gap.pieces {
+    let mut faces = vec![Vec::new(); body.fragments.volume_share.len()];
+    for ([a, b], area) in &gap.pieces {
         let [a, b] = [*a, *b].map(|c| fragment(c as usize));
         if a != b {
-            away[b] += normal;
-            away[a] -= normal;
+            faces[b].push(*area);
+            faces[a].push(-area);
         }
     }
-    away[0] = Vec3::zeros();
-    let unit = |v: &Vec3| v.try_normalize(1e-9).unwrap_or_default();
-    away.iter().map(unit).collect()
+    faces[0].clear();
+    faces.iter().map(|f| parting_way(f)).collect()
+}
+
+/// A direction that leads off all faces with these area vectors, which look along it, as steeply as may be.
+///
+/// Along their mean, a fragment slides in the plane of a face that is square to most others: a saw's slit would be sheared instead of
+/// opened. So what opens little counts more, round by round; few and small faces that look elsewhere still count for little.
+fn parting_way(faces: &[Vec3]) -> Vec3 {
+    /// A face that opens by nothing counts e^SHARP times as much as one that opens squarely.
+    const SHARP: f64 = 5.0;
+    const ROUNDS: usize = 60;
+    let unit = |v: Vec3| v.try_normalize(1e-9);
+    let Some(mut way) = unit(faces.iter().sum()) else {
+        return Vec3::zeros();
+    };
+    for _ in 0..ROUNDS {
+        let opens = |f: &Vec3| (f.dot(&way) / f.norm().max(1e-12)).max(0.0);
+        let counted = |f: &Vec3| f * (-SHARP * opens(f)).exp();
+        let Some(better) = unit(faces.iter().map(counted).sum()) else {
+            break;
+        };
+        way = unit(way * 0.8 + better * 0.2).unwrap_or(way);
+    }
+    way
 }
 
 /// What a hand does to the bone: the opposite of what its device displays, unscaled.
@@ -308,4 +351,30 @@ pub fn load_on_bone(hand: &HandSample, scenario: &Scenario, i: usize) -> (Vec3, 
         unscaled(hand.wrench.force, tool.force_scale),
         unscaled(hand.wrench.torque, tool.torque_scale),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fragments_come_off_all_faces_that_hold_them() {
+        // As a sagittal split: most of it broken sideways, a saw's cut each from above and from before, and a stray chip.
+        let faces = [
+            Vec3::new(700.0, 0.0, 0.0),
+            Vec3::new(0.0, 0.0, 150.0),
+            Vec3::new(0.0, 120.0, 0.0),
+            Vec3::new(-3.0, 0.0, -4.0),
+        ];
+        let way = parting_way(&faces);
+        assert!((way.norm() - 1.0).abs() < 1e-12);
+        for face in &faces[..3] {
+            let opens = face.normalize().dot(&way);
+            assert!(opens > 0.3, "{face:?} opens by {opens}");
+        }
+        // A flat face is left squarely, what has none stays.
+        let flat = parting_way(&[Vec3::new(0.0, 2.0, 0.0); 3]);
+        assert!((flat - Vec3::y()).norm() < 1e-12);
+        assert_eq!(parting_way(&[]), Vec3::zeros());
+    }
 }

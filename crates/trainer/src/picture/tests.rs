@@ -2,7 +2,7 @@
 #![allow(clippy::print_stderr)] // a skipped test says so
 use super::anchored::{Skin, drawn_cells, moved_cells, piece_of};
 use super::bone_skin::{BoneSkin, Places, Slits};
-use super::crack_skin::{GapSkin, gap_skin, kerf_skin};
+use super::crack_skin::{GapSkin, broken_sheets, gap_skin, kerf_skin};
 use super::restore::Restored;
 use crate::engine::cut_since;
 use crate::scenario::{BSSO_RIGHT, Source, load};
@@ -213,6 +213,41 @@ fn no_triangle_spans_the_gap_and_one_sees_through_it() {
     );
 }
 
+/// A bone that bulges out of its coarse mesh between the nodes, as jaws do: there the crack must still reach all through.
+#[test]
+fn the_crack_is_led_out_of_a_bone_that_bulges() {
+    let body = cracked(vec![through(0.0)]);
+    let h = body.solid.lengths.h;
+    let mut surface = surface(&body.solid.mesh);
+    for p in &mut surface.vertices {
+        // Ribs across the crack on each side, finer than the mesh.
+        let bulge = |k: usize| f64::from(u8::from(p[k].round() as i64 % 2 == 1));
+        let out = [1, 2].map(|k| match p[k] {
+            v if v < 1e-9 => -1.0,
+            v if v > SIZE[k] - 1e-9 => 1.0,
+            _ => 0.0,
+        });
+        *p += Vec3::new(0.0, out[0] * bulge(2), out[1] * bulge(1)) * (0.8 * h);
+    }
+    let region = MeshDistance::new(surface.clone());
+    let gap = gap_skin(&body, &region);
+    let at = |v: u32| Vec3::from(gap.skin.rest[v as usize].map(f64::from));
+    let edges = gap
+        .walls
+        .iter()
+        .flat_map(|t| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]]);
+    let between = |e: [u32; 2]| [0.0, 0.3, 0.5, 0.7, 1.0].map(|s| at(e[0]).lerp(&at(e[1]), s));
+    let points: Vec<Vec3> = edges.flat_map(between).collect();
+    // The ribs stand higher than the surface is led out at least.
+    let within = points.iter().filter(|p| region.signed(p) < 0.0).count();
+    assert!(points.len() > 500);
+    assert!(
+        50 * within <= points.len(),
+        "{within} of {} points of the border are in the bone",
+        points.len()
+    );
+}
+
 #[test]
 fn a_closed_crack_lets_no_light_through() {
     let cut = cracked(vec![through(0.0)]);
@@ -274,6 +309,13 @@ fn three_pieces_at_a_junction_come_apart_cleanly() {
     ];
     let apart = moved(&body, |piece| ways[piece as usize]);
     assert!(skins.stretch(&apart) < 1e-4, "{}", skins.stretch(&apart));
+    // The explicit crack is shown whole, though one sheet ends beyond the other, and no triangle of it spans two pieces.
+    let broken = broken_sheets(&body);
+    assert_eq!(broken.triangles.len(), 4);
+    for t in &broken.triangles {
+        let of = t.map(|v| piece_of(&body, broken.anchors[v as usize].cell));
+        assert!(of.iter().all(|piece| *piece == of[0]), "{of:?}");
+    }
 }
 
 #[test]
@@ -429,37 +471,56 @@ fn sawn_faces_leave_the_bone_where_the_saw_came_in() {
     let prepared = crate::engine::prepare(&scenario, &mut |_, _| {}).unwrap();
     let (body, region) = (&prepared.bone.cracked, &*prepared.bone.body.region.0);
     let gap = gap_skin(body, region);
+    let at = |v: u32| Vec3::from(gap.skin.rest[v as usize].map(f64::from));
+    let off_saw = |p: &Vec3| {
+        let foot = |s: &Sheet| {
+            let (_, t, w) = s.closest(p)?;
+            let corners = s.mesh.corners(t);
+            Some((0..3).map(|k| corners[k] * w[k]).sum::<Vec3>())
+        };
+        let feet = body.crack.sheets.iter().filter_map(foot);
+        feet.map(|q| (q - p).norm()).fold(f64::INFINITY, f64::min)
+    };
+    // The slit is half a kerf wide on both sides of the saw's sheet.
+    const HALF_KERF: f64 = 0.4;
     let mut vertices: Vec<u32> = gap.sawn.iter().flatten().copied().collect();
     vertices.sort_unstable();
     vertices.dedup();
-    let at = |v: &u32| Vec3::from(gap.skin.rest[*v as usize].map(f64::from));
-    // From the plane that the saw moved in: what is led out of the bone may pass its rim.
-    let off_slit = |p: Vec3| {
-        let off = |s: &Sheet| {
-            let (_, t, _) = s.closest(&p)?;
-            let normal = s.mesh.area_normal(t).try_normalize(1e-12)?;
-            Some((p - s.mesh.corners(t)[0]).dot(&normal).abs())
-        };
-        let all = body.crack.sheets.iter().filter_map(off);
-        all.fold(f64::INFINITY, f64::min)
-    };
-    let out: Vec<f64> = (vertices.iter().map(at))
-        .filter(|p| region.signed(p) > 0.1)
-        .map(off_slit)
+    // Nothing has broken yet: in the bone all is within the slit, so that no flake stays between.
+    let within = vertices.iter().map(|v| at(*v));
+    let within: Vec<f64> = (within.filter(|p| region.signed(p) < -0.5))
+        .map(|p| off_saw(&p))
         .collect();
-    // Nothing has broken yet: in the bone all is within the slit, half a kerf from its middle, so that no flake stays between.
-    let within: Vec<f64> = (vertices.iter().map(at))
-        .filter(|p| region.signed(p) < -0.5)
-        .map(off_slit)
-        .collect();
-    let flakes = within.iter().filter(|d| **d > 0.4).count();
+    let flakes = within.iter().filter(|d| **d > HALF_KERF).count();
     assert!(within.len() > 100);
     assert!(
         100 * flakes <= within.len(),
         "{flakes} of {}: {within:.2?}",
         within.len()
     );
-    let beside = out.iter().filter(|d| **d > 0.4).count();
+    // Where it comes through the bone's surface.
+    let edges = gap
+        .sawn
+        .iter()
+        .flat_map(|t| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]]);
+    let through = |e: [u32; 2]| {
+        let [mut low, mut high] = e.map(at);
+        if !(region.signed(&low) < 0.0 && region.signed(&high) > 0.1) {
+            return None;
+        }
+        for _ in 0..30 {
+            let middle = low.lerp(&high, 0.5);
+            let end = if region.signed(&middle) < 0.0 {
+                &mut low
+            } else {
+                &mut high
+            };
+            *end = middle;
+        }
+        Some(off_saw(&low))
+    };
+    let out: Vec<f64> = edges.filter_map(through).collect();
+    let beside = out.iter().filter(|d| **d > HALF_KERF).count();
     assert!(out.len() > 50);
     assert!(
         20 * beside <= out.len(),

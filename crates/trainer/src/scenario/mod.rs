@@ -556,7 +556,7 @@ impl Default for Surgeon {
     }
 }
 
-/// Two eyes, for pictures and windows in stereo; lengths in the scene.
+/// Two eyes or more, for pictures and windows in stereo; lengths in the scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Eyes {
@@ -567,6 +567,9 @@ pub struct Eyes {
     /// looks at.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub convergence: Option<f64>,
+    /// From so many places side by side, `eye_separation` from each to the next: for screens that show more than two pictures.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub views: Option<usize>,
 }
 
 /// Rates of the loops.

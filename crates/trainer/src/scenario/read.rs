@@ -445,6 +445,9 @@ impl<P: Fn(&str) -> String> Checks<'_, P> {
         if let Some(mm) = s.view.convergence {
             self.range("view.convergence", mm, 10.0, 10_000.0)?;
         }
+        if let Some(n) = s.view.views {
+            self.count("view.views", n, 2, 16)?;
+        }
         Ok(())
     }
 
@@ -544,6 +547,7 @@ mod tests {
             &["points and file"],
         );
         check_error(&["view.convergence=3"], &["view.convergence", "10"]);
+        check_error(&["view.views=1"], &["view.views", "2 and 16"]);
         check_error(&["view.eye_separation=-1"], &["view.eye_separation", "0"]);
         check_error(&["loops.main_hz=30"], &["loops.main_hz", "does not divide"]);
         check_error(&["tool.0.hand.mass=0"], &["tool.0", "hand.mass is 0"]);

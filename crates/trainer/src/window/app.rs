@@ -5,14 +5,14 @@ use super::eye::{Eye, Look};
 use super::guide::Guide;
 use super::live::{SharedLive, look};
 use super::mouse_hands::{Held, MouseHands};
-use super::orbit::Orbit;
+use super::picker::{self, Picker};
 use super::planner::{self, Planner};
 use super::settings::Settings;
 use super::shortcuts::{self, Command};
 use super::teacher::Teacher;
 use super::{catalogue, panels, scene, teacher};
 use crate::cli::TrainArgs;
-use crate::picture::{StereoMode, View};
+use crate::picture::{Orbit, StereoMode, View};
 use anyhow::Result;
 use eframe::egui::{self, Context, TextureHandle, Ui, ViewportCommand};
 use osteotome_devices::Binding;
@@ -44,8 +44,10 @@ pub struct Window {
     pub(super) hands: MouseHands,
     pub(super) leading: [Leading; 2],
     pub(super) devices: Devices,
-    /// A scenario file's path being typed.
+    /// A file's path being typed.
     pub(super) path: String,
+    /// The list of files, where it is open.
+    pub(super) picker: Option<Picker>,
     pub(super) scenario: String,
     pub(super) shows_help: bool,
     pub(super) summary: Option<Kept>,
@@ -142,6 +144,7 @@ impl Window {
             leading: settings.hands.each_ref().map(|h| Leading::read(h)),
             devices: Devices::default(),
             path: String::new(),
+            picker: None,
             scenario: String::new(),
             shows_help: false,
             summary: None,
@@ -224,7 +227,9 @@ impl Window {
             }
             Command::Help => self.shows_help ^= true,
             Command::Dismiss => {
-                let shown = std::mem::take(&mut self.shows_help) || teacher::dismiss(self);
+                let shown = std::mem::take(&mut self.shows_help)
+                    || self.picker.take().is_some()
+                    || teacher::dismiss(self);
                 if !shown && self.summary.take().is_none() {
                     self.hands.hold(Held::None);
                 }
@@ -434,6 +439,7 @@ impl Window {
         scene::centre(self, ui);
         planner::panel(self, &ctx);
         panels::help(self, &ctx);
+        picker::show(self, &ctx);
         panels::summary(self, &ctx);
         teacher::history(self, &ctx);
         let is_moving = !matches!(self.conductor.phase(), Phase::Ready | Phase::Empty);

@@ -2,7 +2,7 @@
 use super::conductor::Ready;
 use super::dresser::{Dresser, Wanted};
 use super::live::{SharedLive, look};
-use crate::picture::{Instant as Shown, Moment, Scenery, Skinner, StereoMode, eyes};
+use crate::picture::{Instant as Shown, Moment, Scenery, Skinner, StereoMode};
 use crate::session::HandSample;
 use anyhow::Result;
 use eframe::egui::{Color32, ColorImage};
@@ -316,6 +316,7 @@ fn moment(
         bone: bone.as_deref(),
         hands: hands.each_ref(),
         apart: wished.apart,
+        shows_tools: true,
         shows_loads: wished.shows_loads,
         shows_head: wished.shows_head,
     };
@@ -356,9 +357,9 @@ impl Drawing<'_> {
             return image(&wished.camera);
         };
         // Rows are told apart by a polarised monitor as they are on the screen, whatever was drawn.
-        let [left, right] =
-            eyes(&wished.camera, moment.eyes()).map(|c| enlarged(image(&c), wished.size));
-        stereo.join(&left, &right)
+        let views = stereo.views(&wished.camera, moment.eyes());
+        let seen = views.iter().map(|c| enlarged(image(c), wished.size));
+        stereo.join(&seen.collect::<Vec<_>>())
     }
 }
 

@@ -5,10 +5,9 @@ use super::coach::Hints;
 use super::conductor::Phase;
 use super::live::look;
 use super::mouse_hands::Held;
-use super::orbit::Orbit;
 use super::shortcuts::{self, Command};
-use super::{planner, plots, style, teacher};
-use crate::picture::View;
+use super::{picker, planner, plots, style, teacher};
+use crate::picture::{Orbit, View};
 use crate::talk;
 use eframe::egui::{
     self, Align, Button, Color32, ComboBox, Context, CornerRadius, Frame, Layout, Margin, Panel,
@@ -240,13 +239,18 @@ fn scenario(w: &mut Window, ui: &mut Ui) {
         w.select(&name);
     }
     ui.horizontal(|ui| {
-        let width = ui.available_width() - 56.0;
+        let width = ui.available_width() - 72.0;
         let edit = egui::TextEdit::singleline(&mut w.path)
-            .hint_text("Scenario or session file")
+            .hint_text("Path of a file")
             .desired_width(width - 8.0);
         let entered = ui.add(edit).lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter));
-        let button = ui.add_enabled(!w.path.trim().is_empty(), Button::new("Open"));
-        if button.clicked() || entered {
+        let is_empty = w.path.trim().is_empty();
+        let name = if is_empty { "Browse" } else { "Open" };
+        let wide = vec2(ui.available_width(), 24.0);
+        let is_clicked = ui.add(Button::new(name).min_size(wide)).clicked();
+        if is_clicked && is_empty {
+            picker::open(w);
+        } else if is_clicked || entered {
             open_path(w);
         }
     });
@@ -256,7 +260,9 @@ fn scenario(w: &mut Window, ui: &mut Ui) {
 /// Goes over to the scenario file whose path has been typed or dropped.
 pub fn open_path(w: &mut Window) {
     let path = w.path.trim().to_owned();
-    let is_recording = Path::new(&path).extension().is_some_and(|e| e == "mcap");
+    let is_recording = Path::new(&path)
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
     if is_recording && Path::new(&path).is_file() {
         w.look_back(Path::new(&path));
         w.path.clear();
@@ -564,7 +570,9 @@ pub fn summary(w: &mut Window, ctx: &Context) {
         ui.label(RichText::new(title).heading().strong().color(color));
         ui.add_space(4.0);
         for line in talk::summary(&outcome).lines() {
-            ui.label(line);
+            // Columns are for letters of one width.
+            let words: Vec<&str> = line.split_whitespace().collect();
+            ui.label(words.join(" ").replace("mm2", "mm²"));
         }
         if let Some(score) = score {
             ui.label(RichText::new(format!("Score: {score:.0} %")).strong());

@@ -17,16 +17,21 @@ const LOOPS: [(&str, Color32); 3] = [
     ("Propagation", Color32::from_rgb(206, 132, 220)),
 ];
 
+/// From a plot to the next \[points\].
+const BETWEEN: f32 = 16.0;
+
 /// Three plots side by side, as wide as there is room.
 pub fn row(ui: &mut Ui, live: &Live) {
     let size = vec2(
-        (ui.available_width() - 2.0 * ui.spacing().item_spacing.x) / 3.0,
+        (ui.available_width() - 2.0 * BETWEEN) / 3.0,
         ui.available_height(),
     );
     ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = BETWEEN;
         for k in 0..3 {
             ui.allocate_ui_with_layout(size, egui::Layout::top_down(egui::Align::Min), |ui| {
                 ui.set_min_size(size);
+                ui.spacing_mut().item_spacing.x = 8.0;
                 match k {
                     0 => loads(ui, live, "Force on the bone [N]", 0, 20.0),
                     1 => loads(ui, live, "Torque on the bone [N mm]", 1, 500.0),
@@ -123,7 +128,7 @@ fn rates(ui: &mut Ui, live: &Live) {
             (format!("{} {hz:.0}", LOOPS[i].0), LOOPS[i].1)
         })
         .collect();
-    title(ui, "[Hz]", &legend);
+    title(ui, "Loops [Hz]", &legend);
     let end = live.time.max(WINDOW);
     let lines: Vec<Line> = (0..3)
         .map(|i| {

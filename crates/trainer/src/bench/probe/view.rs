@@ -93,6 +93,7 @@ impl<'a> Views<'a> {
             bone: bone.as_ref(),
             hands,
             apart: 0.0,
+            shows_tools: true,
             shows_loads: false,
             shows_head: false,
         };

@@ -87,6 +87,11 @@ impl Orbit {
         self.distance = (self.distance * factor).clamp(DISTANCES[0], DISTANCES[1]);
     }
 
+    /// Looks at another point, from as far and in the same direction.
+    pub fn look_at(&mut self, target: Vec3) {
+        self.target = target;
+    }
+
     /// Moves along the picture by so many millimetres to the right and up.
     pub fn pan(&mut self, right: f64, up: f64) {
         self.target += self.axes[0] * right + self.axes[1] * up;
@@ -106,11 +111,12 @@ mod tests {
             orbit.turn(0.1, if k < 200 { 0.05 } else { -0.04 });
         }
         orbit.zoom(0.5);
+        orbit.look_at(Vec3::new(5.0, 10.0, 1.0));
         let seen = orbit.camera();
         let target: Vec<f32> = (0..3)
             .map(|k| seen.eye[k] + seen.axes[2][k] * seen.distance)
             .collect();
-        for (a, b) in target.iter().zip([5.0, 10.0, 0.0]) {
+        for (a, b) in target.iter().zip([5.0, 10.0, 1.0]) {
             assert!((a - b).abs() < 1e-3, "{target:?}");
         }
         assert!((seen.distance / camera.distance - 0.5).abs() < 1e-5);
