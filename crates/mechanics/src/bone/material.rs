@@ -65,7 +65,7 @@ pub enum MaterialError {
 }
 
 /// Lame's constants \[MPa\].
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lame {
     /// First constant.
     pub lambda: f64,

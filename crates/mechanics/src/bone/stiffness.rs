@@ -23,6 +23,12 @@ pub fn stress(lame: &Lame, grad_u: &Matrix3<f64>) -> Matrix3<f64> {
     Matrix3::from_diagonal_element(lame.lambda * strain.trace()) + strain * (2.0 * lame.mu)
 }
 
+/// The symmetric strain that answers a symmetric stress.
+pub fn strain(lame: &Lame, stress: &Matrix3<f64>) -> Matrix3<f64> {
+    let spread = lame.lambda / (3.0 * lame.lambda + 2.0 * lame.mu) * stress.trace();
+    (stress - Matrix3::from_diagonal_element(spread)) * (0.5 / lame.mu)
+}
+
 /// Strain energy density \[MPa\].
 pub fn energy_density(stress: &Matrix3<f64>, grad_u: &Matrix3<f64>) -> f64 {
     0.5 * stress.dot(grad_u)

@@ -41,8 +41,10 @@ pub(super) struct Domain {
     pub clear: Vec<f64>,
     /// For each vertex, share of its hat inside the body and the integral of the hat there \[mm\].
     pub inside: Vec<(f64, f64)>,
-    /// For each vertex, the mean material of its domain.
+    /// For each vertex, the mean material at the front there.
     pub materials: Vec<TetMaterial>,
+    /// For each vertex, whether all of its domain is of one elastic law, or of laws that depend on direction.
+    pub is_uniform: Vec<bool>,
     /// For each vertex, the nodes within its hat and the hat there.
     hats: Vec<Vec<(u32, f64)>>,
 }
@@ -117,6 +119,7 @@ impl Domain {
                     boundary: Vec::new(),
                     interactions: Vec::new(),
                     materials: Vec::new(),
+                    is_uniform: Vec::new(),
                     hats: Vec::new(),
                 };
                 domain.gather(fields);
@@ -138,7 +141,10 @@ impl Domain {
         }
         self.interactions
             .resize_with(self.cells.len(), OnceLock::new);
-        self.materials = self.mean_materials(fields);
+        let sums = self.material_sums(fields);
+        let fallback = &fields.materials[0];
+        self.materials = sums.iter().map(|s| s.mean(fallback)).collect();
+        self.is_uniform = sums.iter().map(MaterialSum::is_uniform).collect();
         self.hats = self.hats();
     }
 
@@ -232,21 +238,22 @@ impl Domain {
         self.boundary[first..].sort_by_key(|b| b.cell);
     }
 
-    /// Material near each vertex: mean over its domain, weighted by volume and hat.
-    fn mean_materials(&self, fields: &Fields) -> Vec<TetMaterial> {
+    /// The materials about each vertex, weighted by volume, hat and nearness to the front.
+    fn material_sums(&self, fields: &Fields) -> Vec<MaterialSum> {
+        /// Reach of what counts as at the front, in element sizes; what lies farther off only stands in where nothing is so near.
+        const TIP: f64 = 0.6;
+        const FARTHER: f64 = 1e-9;
         let mut sums = vec![MaterialSum::default(); self.line.points.len()];
         for c in &self.cells {
-            let weight: f64 = (c.places.iter().flatten())
-                .map(|p| self.extension[*p as usize].norm())
-                .sum();
             let Some((place, _, _)) = &c.at else { continue };
+            let weight = (1.0 - place.r / (TIP * self.h)).max(FARTHER);
             for k in self.line.vertices_within(place.s, HAT * self.h) {
                 let hat = self.line.hat(place.s, self.line.arc[k], HAT * self.h);
                 let weight = weight * hat * c.volume;
                 sums[k].add(&fields.materials[c.tet as usize], weight);
             }
         }
-        sums.iter().map(|s| s.mean(&fields.materials[0])).collect()
+        sums
     }
 
     fn hats(&self) -> Vec<Vec<(u32, f64)>> {

@@ -1,8 +1,10 @@
 //! The interaction of the body's field with those of unit stress intensities: linear in the body's field, and so, for each cell, a
 //! few matrices that stay what they are until the crack grows.
 use super::domain::{Domain, PLATEAU, mean_of};
+use super::front::{LocalFrame, Place};
 use super::stress_intensity::Fields;
-use super::williams::{Auxiliary, Side, auxiliary};
+use super::williams::{Auxiliary, Side, auxiliary, stress_slopes};
+use crate::bone::{Elasticity, stiffness};
 use crate::geometry::Vec3;
 use nalgebra::Matrix3;
 
@@ -13,6 +15,8 @@ const LOAD_CORE: f64 = 0.5;
 const PARTS: usize = 3;
 /// Closer to the front than this, in element sizes, boundary faces are left out.
 const BOUNDARY_FROM: f64 = 0.02;
+/// Closer to the front than this, in element sizes, the body counts as of the material at the front.
+const TIP: f64 = 0.3;
 
 /// What a cell's field contributes to the interaction with unit K_I, K_II and K_III at each of its four nodes: the double dot
 /// product of these matrices with its displacement gradient.
@@ -86,7 +90,7 @@ impl Domain {
             return;
         };
         let gradients = &fields.mesh.gradients()[cell.tet as usize];
-        let aux = auxiliary(place, frame, *side, &self.lame_at(place.s));
+        let aux = self.auxiliary_in(fields, cell.tet, place, frame, *side);
         for (k, p) in cell.places.iter().enumerate() {
             let Some(p) = p else { continue };
             let q = self.extension[*p as usize] * cell.volume;
@@ -123,7 +127,7 @@ impl Domain {
             if place.r < BOUNDARY_FROM * self.h {
                 continue;
             }
-            let aux = auxiliary(&place, &frame, side, &self.lame_at(place.s));
+            let aux = self.auxiliary_in(fields, cell.tet, &place, &frame, side);
             for (k, p) in cell.places.iter().enumerate() {
                 let Some(p) = p else { continue };
                 let q = self.extension[*p as usize] * (share * weights[k]);
@@ -134,6 +138,38 @@ impl Domain {
                     parts.of_gradient[k][mode] -= (aux.stress * n) * q.transpose();
                 }
             }
+        }
+    }
+
+    /// The auxiliary fields of the material at the front; where tetrahedron `tet` is of another one, their strain by its law.
+    ///
+    /// Then int stress : (grad u_aux - S sigma_aux),q stays of what vanishes in a uniform body, and the integral is the same for any
+    /// domain: only tractions and displacements, which no interface parts, are moved from its border to the front.
+    fn auxiliary_in(
+        &self,
+        fields: &Fields,
+        tet: u32,
+        place: &Place,
+        frame: &LocalFrame,
+        side: Side,
+    ) -> [Auxiliary; 3] {
+        let tip = self.lame_at(place.s);
+        let aux = auxiliary(place, frame, side, &tip);
+        match fields.materials[tet as usize].elasticity() {
+            Elasticity::Isotropic(own) if place.r > TIP * self.h && own != tip => {
+                let slopes = stress_slopes(place, frame, side, &tip);
+                let mut slopes = slopes.into_iter();
+                aux.map(|aux| {
+                    let slope = slopes.next().unwrap_or_default();
+                    Auxiliary {
+                        strain: stiffness::strain(&own, &aux.stress),
+                        misfit_slope: aux.misfit_slope + stiffness::strain(&tip, &slope)
+                            - stiffness::strain(&own, &slope),
+                        ..aux
+                    }
+                })
+            }
+            _ => aux,
         }
     }
 

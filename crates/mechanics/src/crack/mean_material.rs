@@ -9,6 +9,8 @@ pub(super) struct MaterialSum {
     osteon: Vec3,
     /// The orthotropic law of the largest part, and its weight.
     law: Option<(f64, Orthotropic)>,
+    /// Least and largest Young's modulus and Poisson's ratio of the isotropic ones.
+    range: Option<[(f64, f64); 2]>,
 }
 
 impl MaterialSum {
@@ -29,12 +31,28 @@ impl MaterialSum {
         {
             self.law = Some((weight, law));
         }
+        if m.orthotropic.is_none() {
+            let own = [m.young_modulus, m.poisson_ratio];
+            let range = self.range.get_or_insert(own.map(|v| (v, v)));
+            for ((least, most), v) in range.iter_mut().zip(own) {
+                (*least, *most) = (least.min(v), most.max(v));
+            }
+        }
         let sense = if m.osteon.dot(&self.osteon) < 0.0 {
             -weight
         } else {
             weight
         };
         self.osteon += m.osteon * sense;
+    }
+
+    /// Whether all isotropic materials are the same.
+    pub fn is_uniform(&self) -> bool {
+        const ALIKE: f64 = 1e-9;
+        let ranges = self.range.iter().flatten();
+        ranges
+            .clone()
+            .all(|(least, most)| most - least <= ALIKE * most.abs())
     }
 
     pub fn mean(&self, fallback: &TetMaterial) -> TetMaterial {

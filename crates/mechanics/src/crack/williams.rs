@@ -68,6 +68,25 @@ pub(super) fn auxiliary(
     })
 }
 
+/// d/dq of the stresses of unit K_I, K_II, K_III beside a straight front, in world axes.
+pub(super) fn stress_slopes(
+    place: &Place,
+    frame: &LocalFrame,
+    side: Side,
+    lame: &Lame,
+) -> [Matrix3<f64>; 3] {
+    let d = 1e-4 * place.x.hypot(place.y);
+    let at = |shift: f64| {
+        let place = Place {
+            x: place.x + shift,
+            ..*place
+        };
+        auxiliary(&place, frame, side, lame).map(|aux| aux.stress)
+    };
+    let (ahead, behind) = (at(d), at(-d));
+    [0, 1, 2].map(|m| (ahead[m] - behind[m]) / (2.0 * d))
+}
+
 /// Displacement and its gradient in the frame of a straight front.
 pub(super) struct Williams {
     u: Vec3,
