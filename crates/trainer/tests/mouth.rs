@@ -80,7 +80,6 @@ trait Signed {
 impl Signed for MeshDistance {
     /// The distance, or where that is plain something less than it but far.
     fn signed_within(&self, p: &Vec3) -> f64 {
-        use osteotome_mechanics::geometry::SignedDistance;
         const FAR: f64 = 8.0; // mm
         if self.mesh().bounds().grown(FAR).contains(p) {
             self.signed(p)
@@ -124,16 +123,12 @@ fn check(side: &str, change: &str) {
             let first =
                 first.unwrap_or_else(|| panic!("{name}: hand {hand} meets nothing {whither}"));
             let force = scene.force(hand, &moved(first + 4.0));
-            println!(
-                "{name}: hand {hand} {whither}: touched after {first} mm, {force:.0} N 4 mm on"
-            );
             assert!(
                 first > 1.5 && force > 30.0,
                 "{name}: hand {hand} {whither}: {first} mm, {force} N"
             );
         }
     }
-    println!("{name}: {} mm, {}", least.0, least.1);
     assert!(least.0 > 1.5, "{name}: {} mm, {}", least.0, least.1);
 }
 

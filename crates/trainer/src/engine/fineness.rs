@@ -76,12 +76,7 @@ mod tests {
         let said = |thick: f64, nodes: usize| {
             let p = patient(thick, MeshSource::Nodes(nodes));
             let h = super::super::prepare::element_size(&p.mesh, &p.osteotomy);
-            let said = fineness(&scenario, &p, h);
-            println!(
-                "{thick} {nodes}: {h:.2} of {:.2} {said:?}",
-                super::thickness(&p)
-            );
-            said
+            fineness(&scenario, &p, h)
         };
         assert_eq!(said(8.0, 600), Vec::<String>::new());
         let thin = said(6.0, 600);
