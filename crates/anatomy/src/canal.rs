@@ -103,6 +103,30 @@ pub fn parse_canal(bytes: &[u8], name: &str) -> Result<Canal, AnatomyError> {
     })
 }
 
+impl Canal {
+    /// Refuses a canal whose name for its side and whose place contradict each other; `middle`: x between the jaw's sides \[mm\].
+    ///
+    /// # Errors
+    /// [`AnatomyError::Format`] if all of it lies on the other side.
+    pub fn check_side(&self, middle: f64, name: &str) -> Result<(), AnatomyError> {
+        let is_wrong = |p: &Vec3| (p.x - middle) * self.side.sign() < 0.0;
+        if !self.line.iter().all(is_wrong) {
+            return Ok(());
+        }
+        let [said, found] = match self.side {
+            Side::Right => ["right", "left"],
+            Side::Left => ["left", "right"],
+        };
+        Err(AnatomyError::Format {
+            path: name.to_owned(),
+            format: "canal",
+            reason: format!(
+                "it is called the {said} one, but lies on the patient's {found} (x points to the left, LPS); say \"side\": \"{found}\", or mirror its points"
+            ),
+        })
+    }
+}
+
 /// A smooth line through points (Catmull-Rom), with `steps` pieces between two.
 pub(crate) fn smooth_line(points: &[Vec3], steps: usize) -> Vec<Vec3> {
     let at = |i: isize| points[i.clamp(0, points.len() as isize - 1) as usize];

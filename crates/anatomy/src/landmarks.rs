@@ -163,11 +163,21 @@ pub fn parse_landmarks(bytes: &[u8], name: &str) -> Result<Landmarks, AnatomyErr
         let units = file.units;
         return Err(bad(format!("units are \"{units}\"; they must be \"mm\"")));
     }
-    Ok(Landmarks {
+    let landmarks = Landmarks {
         menton: file.menton.into(),
         right: (&file.right).into(),
         left: (&file.left).into(),
-    })
+    };
+    // A mirror image looks like another jaw; names on the wrong side do not.
+    let [right, left] =
+        [&landmarks.right, &landmarks.left].map(|s| s.condyle_centre.x + s.gonion.x);
+    if right > left {
+        return Err(bad(
+            "what is called right lies on the patient's left (x points to the left, LPS); swap right and left, or mirror x of all points"
+                .to_owned(),
+        ));
+    }
+    Ok(landmarks)
 }
 
 /// The frame of a mandible, found on any surface: enough for supports and the run of the osteons.
@@ -386,6 +396,22 @@ mod tests {
         assert!(frame.along(&marks.right.lingula).z.abs() > 0.7);
         let molar = frame.along(&marks.right.second_molar_buccal);
         assert!(molar.z.abs() < 0.7 && molar.xy().norm() > 0.7, "{molar}");
+    }
+
+    #[test]
+    fn swapped_sides_are_noticed() {
+        let mandible = ParametricMandible::new(Parameters::default()).unwrap();
+        let surface = contour(&mandible, 2.5).unwrap();
+        let marks = mandible.landmarks(&MeshDistance::new(surface)).unwrap();
+        let mut file = marks.to_file();
+        let parse = |f: &LandmarksFile| parse_landmarks(&serde_json::to_vec(f).unwrap(), "marks");
+        assert_eq!(parse(&file).unwrap(), marks);
+        std::mem::swap(&mut file.right, &mut file.left);
+        let text = parse(&file).unwrap_err().to_string();
+        assert!(
+            text.contains("called right lies on the patient's left"),
+            "{text}"
+        );
     }
 
     #[test]

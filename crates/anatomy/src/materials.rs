@@ -171,6 +171,12 @@ impl MaterialSpec {
             .collect()
     }
 
+    /// Thickness of the outer layer under the surface's point nearest to `p` \[mm\].
+    pub fn cortex_at(&self, p: &Vec3, surface: &MeshDistance, frame: &JawFrame) -> f64 {
+        let regions = self.cortical_regions;
+        regions.map_or(self.cortical_thickness, |r| r.at(p, surface, frame))
+    }
+
     /// Parts of a tetrahedron that are cortical, trabecular and tooth; and its mean modulus, if that of any bone in it is known.
     fn shares(
         &self,
@@ -194,9 +200,7 @@ impl MaterialSpec {
             let tissue = if near.iter().any(|c| c.signed(&p) < 0.0) {
                 2
             } else {
-                let regions = self.cortical_regions;
-                let thickness = regions.map(|r| r.at(&p, surface, frame));
-                let thickness = thickness.unwrap_or(self.cortical_thickness);
+                let thickness = self.cortex_at(&p, surface, frame);
                 usize::from(surface.signed(&p) <= -thickness)
             };
             count[tissue] += 1;

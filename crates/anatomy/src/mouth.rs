@@ -15,14 +15,22 @@ const SPACING: f64 = 1.6;
 const PALATE: [f64; 2] = [11.0, 2.5];
 /// Radius of a lip \[mm at scale 1\].
 const LIP: f64 = 4.5;
-/// Half of the mouth's width, on the free side and where the retractor pulls \[mm at scale 1\].
-const MOUTH: [f64; 2] = [32.0, 62.0];
-/// The lips lie before the incisors by so much; so much further back at the pulled corner \[mm at scale 1\].
-const LIPS: [f64; 2] = [13.0, 35.0];
+/// Half of the open mouth's width where nothing pulls, and how far beyond the incisors the lips lie above and below \[mm at scale 1\].
+const MOUTH: f64 = 32.0;
+const LIPS_OFF: f64 = 7.0;
+/// The lips lie before the incisors by so much \[mm at scale 1\], and recede with the square of the distance from the midline
+/// \[1/mm at scale 1\]: by 30 mm at 58 mm.
+const LIPS: [f64; 2] = [13.0, 0.009];
+/// Between a blade's edge and the lip as the retractor holds it, and half of a blade's width; not of the jaw's scale \[mm\].
+const ROOM: f64 = 10.0;
+const HALF_BLADE: f64 = 3.0;
+/// Each brings the place where a way passes the face four times nearer, at least.
+const STEPS: u32 = 30;
 /// Half of the retractor's blade: thickness, width, length \[mm at scale 1\].
 const BLADE: Vec3 = Vec3::new(1.2, 11.0, 36.0);
-/// Between the blade's inner end and the cheek's side of the ramus \[mm at scale 1\].
-const BLADE_OFF: f64 = 8.0;
+/// Between the retractor and a blade's edge, and how far out of the ridge its inner end lies \[mm\].
+const BLADE_OFF: f64 = 5.0;
+const BLADE_OUT: f64 = 6.0;
 
 /// Each surface with what it is, around a mandible that is operated on the given side.
 ///
@@ -33,14 +41,21 @@ pub fn around(
     side: Side,
 ) -> Result<Vec<(String, TriMesh)>, AnatomyError> {
     let upper = UpperJaw::opposite(mandible)?;
+    let way = Way::of(mandible, side);
     let parts: [(&str, &dyn SignedDistance); 3] = [
         ("maxilla", &Maxilla(&upper)),
-        ("lips", &Lips::of(&upper, side)),
-        ("retractor", &Retractor::of(&upper, side)),
+        ("lips", &Lips::of(mandible, &upper, &way)),
+        ("retractor", &Retractor::of(&way, upper.scale())),
     ];
     let mut all = vec![("upper teeth".to_owned(), upper.teeth()?)];
     for (role, part) in parts {
-        all.push((role.to_owned(), mesher::contour(part, SPACING)?));
+        // A thin plate frays on a coarse lattice.
+        let spacing = if role == "retractor" {
+            0.5 * SPACING
+        } else {
+            SPACING
+        };
+        all.push((role.to_owned(), mesher::contour(part, spacing)?));
     }
     Ok(all)
 }
@@ -149,35 +164,154 @@ impl SignedDistance for Maxilla<'_> {
     }
 }
 
-/// A ring around the mouth, drawn out to the operated side.
+/// The way of the chisels: a flat band from the ridge out of the mouth.
+struct Way {
+    /// Its two ends on the ridge \[mm\].
+    ridge: [Vec3; 2],
+    /// Unit vector, square to the ridge.
+    out: Vec3,
+    /// Sign of x of the operated side.
+    side: f64,
+}
+
+impl Way {
+    /// Places on the ridge by which the lips are laid.
+    const STATIONS: u32 = 6;
+
+    fn of(mandible: &ParametricMandible, side: Side) -> Self {
+        let ridge = mandible.ridge_ends(side);
+        let along = (ridge[1] - ridge[0]).normalize();
+        let out = outward(side);
+        Self {
+            ridge,
+            out: (out - along * along.dot(&out)).normalize(),
+            side: side.sign(),
+        }
+    }
+
+    fn stations(&self) -> impl Iterator<Item = Vec3> {
+        let [a, b] = self.ridge;
+        (0..=Self::STATIONS).map(move |k| a.lerp(&b, f64::from(k) / f64::from(Self::STATIONS)))
+    }
+
+    /// The place on the band that is nearest.
+    fn nearest(&self, p: &Vec3) -> Vec3 {
+        let [a, along] = [self.ridge[0], self.ridge[1] - self.ridge[0]];
+        let share = ((p - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
+        a + along * share + self.out * (p - a).dot(&self.out).max(0.0)
+    }
+}
+
+/// Whither shafts and retractor lead out of the mouth.
+fn outward(side: Side) -> Vec3 {
+    Vec3::new(0.12 * side.sign(), -0.80, 0.58).normalize()
+}
+
+/// The lips: as a taut band they go straight from what holds them to what holds them, and that is the mouth as it is open by itself, and on
+/// the operated side the room that the retractor makes about the chisels' way.
 struct Lips {
     ring: Vec<Vec3>,
     radius: f64,
 }
 
 impl Lips {
-    const ROUND: u32 = 60;
+    const ROUND: u32 = 72;
+    /// Points about each place that the lips are held at.
+    const HELD: u32 = 16;
 
-    fn of(jaw: &UpperJaw, side: Side) -> Self {
+    fn of(mandible: &ParametricMandible, jaw: &UpperJaw, way: &Way) -> Self {
         let scale = jaw.scale();
         let [low, high] = jaw.incisors;
         let (middle, up) = (0.5 * (low + high), (high - low).normalize());
         let forward = Vec3::x().cross(&up);
-        let half_height = 0.5 * (high - low).norm() + 7.0 * scale;
-        let at = |k: u32| {
-            let angle = f64::from(k) / f64::from(Self::ROUND) * std::f64::consts::TAU;
-            let (sin, cos) = angle.sin_cos();
-            let out = cos * side.sign();
-            let x = cos * scale * if out > 0.0 { MOUTH[1] } else { MOUTH[0] };
-            let back = (x / (scale * MOUTH[1])).powi(2);
-            let before = scale * (LIPS[0] - LIPS[1] * back);
-            middle + Vec3::x() * x + up * (half_height * sin) + forward * before
+        let (radius, mouth) = (LIP * scale, MOUTH * scale);
+        let clear = radius + HALF_BLADE + ROOM;
+        // The face: lips lie on it, it recedes sidewards.
+        let face = |x: f64| scale * LIPS[0] - LIPS[1] * x * x / scale;
+        let opening = [mouth, 0.5 * (high - low).norm() + LIPS_OFF * scale];
+        let mut held = ellipse([0.0, 0.0], opening, Self::ROUND);
+        for station in way.stations() {
+            let mut passing = station - middle;
+            for _ in 0..STEPS {
+                let before = passing.dot(&forward) - face(passing.x);
+                passing -= way.out * before;
+            }
+            // The way passes the face aslant.
+            let room = [1.1 * clear, 1.4 * clear];
+            held.extend(ellipse([passing.x, passing.dot(&up)], room, Self::HELD));
+        }
+        let on_face = |[x, z]: [f64; 2]| middle + Vec3::x() * x + up * z + forward * face(x);
+        let free = |p: Vec3| {
+            let nearest = way.nearest(&p);
+            let away = p - nearest;
+            let lack = clear - away.norm();
+            p + away.normalize() * lack.max(0.0)
         };
+        // The jaw may stand out farther than the face here is thought to: lips lie before it.
+        let before_jaw = |mut p: Vec3| {
+            for _ in 0..STEPS {
+                p += forward * (radius + 1.0 - mandible.signed_with_teeth(&p)).max(0.0);
+            }
+            p
+        };
+        // The left is cut as the right's mirror image.
+        let turned = |[x, z]: [f64; 2]| [way.side * x, z];
+        let held = held.into_iter().map(turned).collect();
+        let ring = evenly(&hull(held), Self::ROUND).into_iter().map(turned);
         Self {
-            ring: (0..Self::ROUND).map(at).collect(),
-            radius: LIP * scale,
+            ring: ring.map(on_face).map(free).map(before_jaw).collect(),
+            radius,
         }
     }
+}
+
+fn ellipse(middle: [f64; 2], half: [f64; 2], n: u32) -> Vec<[f64; 2]> {
+    let at = |k: u32| {
+        let (sin, cos) = (f64::from(k) / f64::from(n) * std::f64::consts::TAU).sin_cos();
+        [middle[0] + half[0] * cos, middle[1] + half[1] * sin]
+    };
+    (0..n).map(at).collect()
+}
+
+/// The convex hull, counter-clockwise (Andrew's monotone chain).
+fn hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    let turn = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
+        (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    };
+    let half = |points: &mut dyn Iterator<Item = [f64; 2]>| {
+        let mut chain: Vec<[f64; 2]> = Vec::new();
+        for p in points {
+            while chain.len() > 1 && turn(chain[chain.len() - 2], chain[chain.len() - 1], p) <= 0.0
+            {
+                chain.pop();
+            }
+            chain.push(p);
+        }
+        chain.pop();
+        chain
+    };
+    let mut all = half(&mut points.iter().copied());
+    all.extend(half(&mut points.iter().rev().copied()));
+    all
+}
+
+/// So many points, evenly along a closed polygon.
+fn evenly(polygon: &[[f64; 2]], n: u32) -> Vec<[f64; 2]> {
+    let next = |i: usize| polygon[(i + 1) % polygon.len()];
+    let length = |i: usize| (next(i)[0] - polygon[i][0]).hypot(next(i)[1] - polygon[i][1]);
+    let all: f64 = (0..polygon.len()).map(length).sum();
+    let (mut edge, mut before) = (0, 0.0);
+    let at = |k: u32| {
+        let along = all * f64::from(k) / f64::from(n);
+        while edge + 1 < polygon.len() && before + length(edge) < along {
+            before += length(edge);
+            edge += 1;
+        }
+        let share = (along - before) / length(edge);
+        [0, 1].map(|c| polygon[edge][c] + share * (next(edge)[c] - polygon[edge][c]))
+    };
+    (0..n).map(at).collect()
 }
 
 impl SignedDistance for Lips {
@@ -205,23 +339,16 @@ struct Retractor {
 }
 
 impl Retractor {
-    fn of(jaw: &UpperJaw, side: Side) -> Self {
-        let (scale, sign) = (jaw.scale(), side.sign());
-        let out = Vec3::new(0.12 * sign, -0.80, 0.58).normalize();
-        let across = Vec3::x() * sign;
-        let normal = (across - out * out.dot(&across)).normalize();
-        let sizes = jaw.lower.parameters();
-        let buccal = 0.5 * sizes.condyle_distance - 5.5 + 0.5 * sizes.ramus_thickness;
-        let molar = jaw.lower.teeth()[jaw.lower.teeth().len() / 2 - 1].neck;
-        let inner = Vec3::new(
-            sign * scale * (buccal + BLADE_OFF),
-            molar.y + 8.0 * scale,
-            molar.z - 8.0 * scale,
-        );
+    fn of(way: &Way, scale: f64) -> Self {
+        let half = BLADE * scale;
+        let [a, b] = way.ridge;
+        let across = (b - a).cross(&way.out).normalize();
+        let normal = across * (across.x * way.side).signum();
+        let beside = normal * (HALF_BLADE + BLADE_OFF + half.x);
         Self {
-            centre: inner + out * (BLADE.z * scale),
-            axes: [normal, out.cross(&normal), out],
-            half: BLADE * scale,
+            centre: 0.5 * (a + b) + beside + way.out * (BLADE_OUT + half.z),
+            axes: [normal, way.out.cross(&normal), way.out],
+            half,
         }
     }
 }
@@ -258,17 +385,23 @@ mod tests {
         ParametricMandible::new(parameters).unwrap()
     }
 
-    /// Jaws of all kinds: every surface is closed, and none touches bone or lower teeth.
-    #[test]
-    fn all_is_closed_and_keeps_clear_of_the_jaw() {
-        for (jaw, side) in [
+    fn jaws() -> [(ParametricMandible, Side); 8] {
+        [
             (jaw(|_| {}), Side::Right),
             (jaw(|p| p.scale = 0.8), Side::Left),
             (jaw(|p| p.scale = 1.2), Side::Right),
             (jaw(|p| p.chin_deviation = 6.0), Side::Right),
             (jaw(|p| p.chin_deviation = 6.0), Side::Left),
             (jaw(|p| p.gonial_angle = 136.0), Side::Left),
-        ] {
+            (jaw(|p| p.mouth_opening = 30.0), Side::Right),
+            (jaw(|p| p.ramus_thickness = 6.0), Side::Left),
+        ]
+    }
+
+    /// Jaws of all kinds: every surface is closed, and none touches bone or lower teeth.
+    #[test]
+    fn all_is_closed_and_keeps_clear_of_the_jaw() {
+        for (jaw, side) in jaws() {
             for (role, mesh) in around(&jaw, side).unwrap() {
                 let closed = ClosedSurface::of_pieces(mesh, &role).unwrap();
                 assert!(closed.notes.is_empty(), "{role}: {:?}", closed.notes);
@@ -278,6 +411,64 @@ mod tests {
                 assert!(near > 0.5, "{role}, {:?}: {near} mm", jaw.parameters());
             }
         }
+    }
+
+    /// The lips go round the chisels' way, wider than a blade, and round the retractor that pulls them, no farther out than it takes.
+    #[test]
+    fn lips_and_retractor_leave_the_way_free() {
+        for (jaw, side) in jaws() {
+            let upper = UpperJaw::opposite(&jaw).unwrap();
+            let way = Way::of(&jaw, side);
+            let lips = Lips::of(&jaw, &upper, &way);
+            let blade = Retractor::of(&way, upper.scale());
+            let mut room = [f64::INFINITY; 2];
+            for station in way.stations() {
+                for k in 0..50 {
+                    let p = station + way.out * (2.0 * f64::from(k));
+                    room[0] = room[0].min(lips.signed(&p));
+                    room[1] = room[1].min(blade.signed(&p));
+                }
+            }
+            let name = format!("{:?} {side:?}: {room:?}", jaw.parameters());
+            assert!(
+                (HALF_BLADE + 3.0..HALF_BLADE + ROOM + 1.0).contains(&room[0]),
+                "{name}"
+            );
+            assert!(
+                (HALF_BLADE + 3.0..HALF_BLADE + BLADE_OFF + 0.1).contains(&room[1]),
+                "{name}"
+            );
+            // What pulls lies within what is pulled.
+            for k in -8..=8 {
+                for across in [-1.0, 0.0, 1.0] {
+                    let along = Vec3::new(1.0, across, f64::from(k) / 8.0);
+                    let face = along.component_mul(&blade.half);
+                    let p = blade.centre + (0..3).map(|a| blade.axes[a] * face[a]).sum::<Vec3>();
+                    assert!(
+                        lips.signed(&p) > 0.2,
+                        "{name}: {} mm at {face}",
+                        lips.signed(&p)
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_hull_goes_round_its_points_and_is_cut_evenly() {
+        let square = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]];
+        let mut points = square.to_vec();
+        points.extend([[1.0, 1.0], [0.5, 1.9], [1.0, 0.0]]);
+        assert_eq!(hull(points), square);
+        let cut = evenly(&square, 8);
+        let edges = (0..8).map(|i| {
+            let (a, b) = (cut[i], cut[(i + 1) % 8]);
+            (b[0] - a[0]).hypot(b[1] - a[1])
+        });
+        assert!(
+            edges.into_iter().all(|e| (e - 1.0).abs() < 1e-12),
+            "{cut:?}"
+        );
     }
 
     #[test]
@@ -305,9 +496,11 @@ mod tests {
 
     #[test]
     fn the_left_is_the_rights_mirror_image() {
-        let upper = UpperJaw::opposite(&jaw(|_| {})).unwrap();
-        let [right, left] = [Side::Right, Side::Left].map(|s| Lips::of(&upper, s));
-        let blades = [Side::Right, Side::Left].map(|s| Retractor::of(&upper, s));
+        let jaw = jaw(|_| {});
+        let upper = UpperJaw::opposite(&jaw).unwrap();
+        let [right, left] =
+            [Side::Right, Side::Left].map(|s| Lips::of(&jaw, &upper, &Way::of(&jaw, s)));
+        let blades = [Side::Right, Side::Left].map(|s| Retractor::of(&Way::of(&jaw, s), 1.0));
         for p in [Vec3::new(-50.0, -60.0, -10.0), Vec3::new(20.0, -85.0, 3.0)] {
             let mirrored = Vec3::new(-p.x, p.y, p.z);
             assert!((right.signed(&p) - left.signed(&mirrored)).abs() < 1e-9);

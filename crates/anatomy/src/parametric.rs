@@ -625,6 +625,14 @@ impl ParametricMandible {
         Vec3::new(at.at[0] + 0.9 * at.half_breadth, at.at[1], at.top - 1.5)
     }
 
+    /// Where the ridge's cut begins above and ends before the second molar, about \[mm\].
+    pub(crate) fn ridge_ends(&self, side: Side) -> [Vec3; 2] {
+        let molar = self.second_molar();
+        let ridge: Vec<Vec3> = self.ridge(&self.lingula(), &molar).collect();
+        [ridge[0], molar]
+            .map(|p| self.deviated(Vec3::new(side.sign() * p.x, p.y, p.z) * self.parameters.scale))
+    }
+
     /// Front of the ramus from above the lingula down to the second molar, before it is brought onto the surface.
     fn ridge(&self, lingula: &Vec3, molar: &Vec3) -> impl Iterator<Item = Vec3> {
         let (top, bottom) = (lingula.z + 5.0, molar.z + 3.0);

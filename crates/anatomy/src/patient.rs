@@ -162,7 +162,7 @@ impl Patient {
             (None, Some(folder)) => folder.landmarks.clone(),
             (None, None) => None,
         };
-        let canals = spec.canals(&bone)?;
+        let canals = spec.canals(&bone, &frame)?;
         if canals.iter().any(|c| c.is_constructed) {
             let note = "the canal is placed by published mean distances, not seen in images";
             bone.constructed.push(note.to_owned());
@@ -361,9 +361,14 @@ impl PatientSpec {
         Density::read(spec, mesh.nodes()).map(Some)
     }
 
-    fn canals(&self, bone: &Bone) -> Result<Vec<Canal>, AnatomyError> {
+    fn canals(&self, bone: &Bone, frame: &JawFrame) -> Result<Vec<Canal>, AnatomyError> {
         match (&self.canal, &bone.parametric, &bone.folder) {
-            (Some(path), _, _) => Ok(vec![read_canal(path)?]),
+            (Some(path), _, _) => {
+                let canal = read_canal(path)?;
+                let [right, left] = frame.condyles;
+                canal.check_side(0.5 * (right.x + left.x), &path.display().to_string())?;
+                Ok(vec![canal])
+            }
             (None, Some(mandible), _) => Ok(mandible.canals().into()),
             (None, None, Some(folder)) => Ok(folder.canals.clone()),
             (None, None, None) => Ok(vec![]),

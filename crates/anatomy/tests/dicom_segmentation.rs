@@ -343,6 +343,44 @@ fn what_is_no_sound_segmentation_is_refused_in_words() {
     assert!(said.contains("too large"), "{said}");
 }
 
+/// Bits flipped and words filled, by a fixed seed: read or refused in a line, never a panic, and no more voxels than announced.
+#[test]
+fn flipped_bits_end_in_a_volume_or_a_word() {
+    let good = PLAIN.write(&scan());
+    let mut state = 0x9e37_79b9_7f4a_7c15u64;
+    let mut below = |n: usize| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 11) as usize % n
+    };
+    let rounds = if std::env::var_os("OSTEOTOME_LONG").is_some() {
+        50_000
+    } else {
+        2_000
+    };
+    let mut refused = 0;
+    for _ in 0..rounds {
+        let mut bad = good.clone();
+        for _ in 0..=below(4) {
+            let at = 132 + below(good.len() - 132);
+            match below(3) {
+                0 => bad[at] = [0x00, 0x7f, 0x80, 0xff][below(4)],
+                1 => bad.iter_mut().skip(at).take(4).for_each(|b| *b = 0xff),
+                _ => bad[at] ^= 1 << below(8),
+            }
+        }
+        match parse_segmentation(&bad, "bad.dcm") {
+            Ok(v) => assert_eq!(v.voxels.len(), v.size.iter().product::<usize>()),
+            Err(error) => {
+                assert!(!error.to_string().contains('\n'), "{error}");
+                refused += 1;
+            }
+        }
+    }
+    assert!(refused > rounds / 5, "{refused}");
+}
+
 /// Lengths that announce what is not there, sequences without end, and a tower of them: in bounded memory, without a panic.
 #[test]
 fn hostile_files_end_in_a_word() {

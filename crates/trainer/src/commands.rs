@@ -77,6 +77,9 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         (Some(moment), Some(path)) => prepare_recorded(&moment.recording, path)?,
         _ => prepare(&scenario)?,
     };
+    if !args.json {
+        say_remarks(&prepared);
+    }
     let input = match (&from, &hands) {
         (None, None) => live(&scenario, &prepared, devices)?,
         (None, Some(hands)) => Input::recorded(&scenario, hands).map_err(Failure::Input)?,
@@ -250,11 +253,18 @@ pub fn check(args: &CheckArgs) -> Result<(), Failure> {
     for note in &p.constructed {
         talk::say(&format!("Constructed, not measured: {note}."));
     }
+    say_remarks(&prepared);
     let review = Planning::new(&prepared, &scenario).review().clone();
     for finding in review.faults.iter().chain(&review.remarks) {
         talk::say(&format!("Osteotomy: {finding}."));
     }
     Ok(())
+}
+
+fn say_remarks(prepared: &Prepared) {
+    for remark in &prepared.remarks {
+        talk::say(&format!("Note: {remark}."));
+    }
 }
 
 /// `replay`: the figures of a recording, recomputed on demand.

@@ -1,12 +1,13 @@
 //! Planning the saw's line on a patient, without a window: what a mouse or a command asks for, and what is written at the end.
-use crate::engine::Prepared;
+use crate::engine::{Prepared, material_spec};
 use crate::scenario::{self, Scenario};
 use anyhow::{Context, Result, ensure};
 use osteotome_anatomy::landmarks::cast;
 use osteotome_anatomy::osteotomy::plan::{FREE_DEPTH, middle_of_sight};
 use osteotome_anatomy::osteotomy::{Plan, Review, Situation};
 use osteotome_anatomy::{
-    AnatomyError, Canal, JawFrame, Landmarks, Osteotomy, Side, Technique, canal::MEAN_DIAMETER,
+    AnatomyError, Canal, JawFrame, Landmarks, MaterialSpec, Osteotomy, Side, Technique,
+    canal::MEAN_DIAMETER,
 };
 use osteotome_mechanics::geometry::{MeshDistance, Vec3};
 use osteotome_render::Camera;
@@ -22,7 +23,7 @@ pub struct Planning {
     is_drawn: bool,
     frame: JawFrame,
     landmarks: Option<Landmarks>,
-    cortical_thickness: f64,
+    material: MaterialSpec,
 }
 
 impl Planning {
@@ -42,17 +43,18 @@ impl Planning {
             is_drawn: false,
             frame: patient.frame.clone(),
             landmarks: patient.landmarks.clone(),
-            cortical_thickness: scenario.material.cortical_thickness,
+            material: material_spec(scenario),
         };
         planning.look();
         planning
     }
 
     fn look(&mut self) {
+        let cortex = |p: &Vec3| self.material.cortex_at(p, &self.surface, &self.frame);
         self.review = self.plan.review(&Situation {
             surface: &self.surface,
             canals: &self.canals,
-            cortical_thickness: self.cortical_thickness,
+            cortical_thickness: &cortex,
         });
     }
 

@@ -201,10 +201,15 @@ impl Osteotomy {
                 }),
             }
         }
-        Self::new(side, kerf, parts)
+        Self::new(side, kerf, parts, middle_of(surface))
     }
 
-    fn new(side: Side, kerf: f64, parts: Vec<OsteotomyPart>) -> Result<Self, AnatomyError> {
+    fn new(
+        side: Side,
+        kerf: f64,
+        parts: Vec<OsteotomyPart>,
+        middle: f64,
+    ) -> Result<Self, AnatomyError> {
         // Below, the walls touch; above, it is no saw cut.
         in_range("osteotomy.kerf", kerf, 0.05, 5.0)?;
         for (i, part) in parts.iter().enumerate() {
@@ -222,13 +227,12 @@ impl Osteotomy {
                 return Err(AnatomyError::Osteotomy { reason });
             }
         }
-        let wrong = |p: &&LinePoint| p.at.x * side.sign() < 0.0;
+        let wrong = |p: &&LinePoint| (p.at.x - middle) * side.sign() < 0.0;
         let n = parts.iter().map(|p| p.points.len()).sum::<usize>();
         let n_wrong = parts.iter().flat_map(|p| &p.points).filter(wrong).count();
-        // A surface need not be centred on x = 0, so this tells mistaken sides only where it is plain.
         if n_wrong == n && n > 0 {
             let reason = format!(
-                "side is {side:?}, but all points have x of the other sign (x = patient left)"
+                "side is {side:?}, but all points lie on the other side of the jaw's middle at x = {middle:.1} mm (x = patient left)"
             );
             return Err(AnatomyError::Osteotomy { reason });
         }
@@ -267,6 +271,11 @@ impl Osteotomy {
     pub fn part(&self, kind: &PartKind) -> Option<&OsteotomyPart> {
         self.parts.iter().find(|p| p.kind == *kind)
     }
+}
+
+/// Between the jaw's sides: a scan's frame need not be centred on them \[mm\].
+fn middle_of(surface: &MeshDistance) -> f64 {
+    surface.mesh().bounds().centre().x
 }
 
 fn specs(part: &OsteotomyPart) -> Vec<PointSpec> {

@@ -1,7 +1,7 @@
 //! What can be said of a planned line before anybody saws.
 use super::plan::Plan;
 use super::technique::{smooth_normal, thickness};
-use super::{PartKind, Side};
+use super::{PartKind, Side, middle_of};
 use crate::canal::Canal;
 use osteotome_mechanics::geometry::{MeshDistance, Vec3};
 
@@ -12,8 +12,8 @@ pub struct Situation<'a> {
     pub surface: &'a MeshDistance,
     /// The canals that are known.
     pub canals: &'a [Canal],
-    /// Thickness of the dense layer \[mm\].
-    pub cortical_thickness: f64,
+    /// Thickness of the dense layer under a place of the surface \[mm\].
+    pub cortical_thickness: &'a dyn Fn(&Vec3) -> f64,
 }
 
 /// Figures of one point.
@@ -23,6 +23,8 @@ pub struct PointFigures {
     pub depth: f64,
     /// Thickness of the bone in its direction \[mm\].
     pub thickness: f64,
+    /// Thickness of the dense layer that the saw enters \[mm\].
+    pub cortex: f64,
     /// From the slit, with half its width, to the wall of the canal on its side; negative: it is cut open \[mm\].
     pub canal: Option<f64>,
 }
@@ -70,7 +72,7 @@ impl Plan {
         };
         self.reach(situation.surface, &mut review);
         self.meet(&mut review);
-        self.depths(situation.cortical_thickness, &mut review);
+        self.depths(&mut review);
         self.clear_canal(&mut review);
         self.round_border(situation.surface, &mut review);
         review
@@ -82,6 +84,7 @@ impl Plan {
         PointFigures {
             depth: p.depth,
             thickness: thickness(s.surface, &p.at, &p.toward),
+            cortex: (s.cortical_thickness)(&p.at),
             canal: canal.map(|c| {
                 let pieces = c.line.windows(2);
                 let nearest = pieces.map(|w| between_segments([p.at, tip], [w[0], w[1]]));
@@ -99,7 +102,8 @@ impl Plan {
         review
             .faults
             .extend((0..self.points.len()).find_map(refused));
-        let wrong = |x: f64| x * self.side.sign() < 0.0;
+        let middle = middle_of(surface);
+        let wrong = |x: f64| (x - middle) * self.side.sign() < 0.0;
         if !self.points.is_empty() && self.points.iter().all(|p| wrong(p.point.at.x)) {
             let side = match self.side {
                 Side::Right => "right",
@@ -131,7 +135,7 @@ impl Plan {
     }
 
     /// The saw must pass the cortex and stay within the bone.
-    fn depths(&self, cortical: f64, review: &mut Review) {
+    fn depths(&self, review: &mut Review) {
         for part in self.parts() {
             let of_part =
                 || (0..self.points.len()).filter(|i| self.points[*i].part.name() == part.name());
@@ -140,9 +144,11 @@ impl Plan {
                 p.depth - p.thickness
             };
             let through: Vec<usize> = of_part().filter(|i| out(i) > 0.0).collect();
-            let shallow = of_part()
-                .filter(|i| review.points[*i].depth < cortical)
-                .count();
+            let shallow: Vec<f64> = of_part()
+                .map(|i| review.points[i])
+                .filter(|p| p.depth < p.cortex)
+                .map(|p| p.cortex)
+                .collect();
             let n = of_part().count();
             if let Some(worst) = through.iter().max_by(|a, b| out(a).total_cmp(&out(b))) {
                 let p = review.points[*worst];
@@ -156,10 +162,18 @@ impl Plan {
                 );
                 review.faults.push(text);
             }
-            if shallow > 0 {
+            if !shallow.is_empty() {
+                let least = shallow.iter().copied().fold(f64::INFINITY, f64::min);
+                let most = shallow.iter().copied().fold(0.0, f64::max);
+                let cortex = if most - least < 0.05 {
+                    format!("{most:.1}")
+                } else {
+                    format!("{least:.1} to {most:.1}")
+                };
                 review.remarks.push(format!(
-                    "{}: at {shallow} of {n} points the saw does not pass the cortex ({cortical} mm)",
-                    part.name()
+                    "{}: at {} of {n} points the saw does not pass the cortex ({cortex} mm)",
+                    part.name(),
+                    shallow.len()
                 ));
             }
         }
@@ -294,7 +308,7 @@ mod tests {
             let situation = Situation {
                 surface: &surface,
                 canals: &canals,
-                cortical_thickness: 2.2,
+                cortical_thickness: &|_| 2.2,
             };
             for technique in Technique::ALL {
                 for side in [Side::Right, Side::Left] {
@@ -312,6 +326,56 @@ mod tests {
         }
     }
 
+    /// A scan's frame has its origin anywhere.
+    #[test]
+    fn sides_are_told_from_the_jaws_middle() {
+        let (surface, landmarks) = mandible(Parameters::default());
+        let shift = Vec3::new(170.0, -20.0, 900.0);
+        let mut mesh = surface.mesh().clone();
+        mesh.vertices.iter_mut().for_each(|p| *p += shift);
+        let mut marks = landmarks.to_file();
+        marks.menton = (Vec3::from(marks.menton) + shift).into();
+        for s in [&mut marks.right, &mut marks.left] {
+            let single = [
+                &mut s.condyle_centre,
+                &mut s.condyle_top,
+                &mut s.coronoid_tip,
+                &mut s.sigmoid_notch,
+                &mut s.gonion,
+                &mut s.lingula,
+                &mut s.second_molar_buccal,
+                &mut s.lower_border,
+            ];
+            for p in single.into_iter().chain(&mut s.external_oblique_ridge) {
+                *p = (Vec3::from(*p) + shift).into();
+            }
+        }
+        let bytes = serde_json::to_vec(&marks).unwrap();
+        let landmarks = crate::landmarks::parse_landmarks(&bytes, "marks").unwrap();
+        let surface = MeshDistance::new(mesh);
+        let situation = Situation {
+            surface: &surface,
+            canals: &[],
+            cortical_thickness: &|_| 2.2,
+        };
+        for side in [Side::Right, Side::Left] {
+            let line = Osteotomy::by_technique(Technique::Hunsuck, &landmarks, side, 0.8, &surface);
+            let mut plan = Plan::of(&line.unwrap());
+            assert_eq!(plan.review(&situation).faults, Vec::<String>::new());
+            plan.side = match side {
+                Side::Right => Side::Left,
+                Side::Left => Side::Right,
+            };
+            let text = plan.review(&situation).faults.join("; ");
+            assert!(text.contains("on the other side than the"), "{text}");
+            let error = plan.osteotomy(&surface).unwrap_err().to_string();
+            assert!(
+                error.contains("other side of the jaw's middle at x = 170"),
+                "{error}"
+            );
+        }
+    }
+
     #[test]
     fn each_fault_is_told() {
         let (surface, landmarks) = mandible(Parameters::default());
@@ -321,7 +385,7 @@ mod tests {
         let situation = Situation {
             surface: &surface,
             canals: &canals,
-            cortical_thickness: 2.2,
+            cortical_thickness: &|_| 2.2,
         };
         let line =
             Osteotomy::by_technique(Technique::Hunsuck, &landmarks, Side::Right, 0.8, &surface);
@@ -363,6 +427,26 @@ mod tests {
         });
         assert!(
             text.contains("cuts into the canal (constructed, not measured)"),
+            "{text}"
+        );
+        // By region: the ramus' inner plate thinner than the medial cut is deep, the ridge thicker than its own.
+        let by_region = Situation {
+            cortical_thickness: &|p| {
+                if p.y > landmarks.right.lingula.y {
+                    0.5
+                } else {
+                    9.0
+                }
+            },
+            ..situation
+        };
+        let text = good.review(&by_region).remarks.join("; ");
+        assert!(
+            text.contains("ridge: at ") && text.contains("the cortex (9.0 mm)"),
+            "{text}"
+        );
+        assert!(
+            !text.contains(&format!("medial: at {n_medial} of")),
             "{text}"
         );
         let text = told(&|p| p.side = Side::Left);

@@ -41,6 +41,11 @@ impl PrepareSpec {
                     ),
                 });
             }
+            let condyles = raw.frame.condyles;
+            canal.check_side(
+                0.5 * (condyles[0].x + condyles[1].x),
+                &path.display().to_string(),
+            )?;
             raw.canals.retain(|c| c.side != canal.side);
             raw.canals.push(canal);
         }

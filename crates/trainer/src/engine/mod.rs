@@ -1,5 +1,6 @@
 //! A scenario made into the three parts that the loops drive, around the steps of `osteotome_mechanics`.
 mod bone_file;
+mod fineness;
 mod haptic;
 mod held;
 mod main;
@@ -10,7 +11,7 @@ mod surroundings;
 
 pub use haptic::haptic_model;
 pub(crate) use held::Held;
-pub use prepare::{Prepared, prepare};
+pub use prepare::{Prepared, material_spec, prepare};
 pub use propagation::cut_since;
 pub use surroundings::Surrounding;
 

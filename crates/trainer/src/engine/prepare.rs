@@ -1,4 +1,5 @@
 //! A scenario made into a bone with its saw cuts.
+use super::fineness::fineness;
 use super::surroundings::{Surrounding, surroundings};
 use crate::scenario::{self, Scenario};
 use crate::surgeon::{Mark, SplitLine};
@@ -26,6 +27,8 @@ pub struct Prepared {
     pub line: SplitLine,
     /// What stands still around the jaw.
     pub surroundings: Vec<Surrounding>,
+    /// What is to be known of the mesh before a split on it is trusted.
+    pub remarks: Vec<String>,
     /// Digest of the patient.
     pub digest: String,
 }
@@ -53,9 +56,12 @@ pub fn prepare(s: &Scenario, progress: &mut dyn FnMut(&str, f64)) -> Result<Prep
     let mut patient = Patient::build(&patient_spec(s), progress)?;
     let marks = (patient.osteotomy.parts.iter()).flat_map(|p| p.points.iter().map(|m| m.at));
     let came_with = std::mem::take(&mut patient.context);
-    let surroundings = surroundings(&s.patient.context, came_with, marks, &mut patient.notes)?;
+    let stiffness = s.contact.stiffness;
+    let notes = &mut patient.notes;
+    let surroundings = surroundings(&s.patient.context, came_with, marks, stiffness, notes)?;
     let line = split_line(&patient.osteotomy)?;
     let body = body(s, &patient);
+    let remarks = fineness(s, &patient, body.solid.lengths.h);
     let cuts = saw_cuts(&patient, body.lengths.overshoot());
     let bone = Bone::new(Arc::new(body), cuts).context("the bone cannot be computed")?;
     Ok(Prepared {
@@ -63,16 +69,29 @@ pub fn prepare(s: &Scenario, progress: &mut dyn FnMut(&str, f64)) -> Result<Prep
         bone: Arc::new(bone),
         line,
         surroundings,
+        remarks,
         patient,
     })
 }
 
-fn patient_spec(s: &Scenario) -> PatientSpec {
+/// The bone's regions as a scenario describes them.
+pub fn material_spec(s: &Scenario) -> MaterialSpec {
     let tissue = |m: &scenario::Material| Tissue {
         young_modulus: m.young_modulus,
         poisson_ratio: m.poisson_ratio,
         toughness: m.toughness,
     };
+    MaterialSpec {
+        cortical: tissue(&s.material.cortical),
+        cortical_orthotropic: s.material.cortical_orthotropic,
+        trabecular: tissue(&s.material.trabecular),
+        cortical_thickness: s.material.cortical_thickness,
+        cortical_regions: s.material.cortical_regions,
+        ..MaterialSpec::default()
+    }
+}
+
+fn patient_spec(s: &Scenario) -> PatientSpec {
     PatientSpec {
         surface: match (
             &s.patient.surface,
@@ -91,14 +110,7 @@ fn patient_spec(s: &Scenario) -> PatientSpec {
             },
             None => MeshSource::Nodes(s.mesh.nodes),
         },
-        material: MaterialSpec {
-            cortical: tissue(&s.material.cortical),
-            cortical_orthotropic: s.material.cortical_orthotropic,
-            trabecular: tissue(&s.material.trabecular),
-            cortical_thickness: s.material.cortical_thickness,
-            cortical_regions: s.material.cortical_regions,
-            ..MaterialSpec::default()
-        },
+        material: material_spec(s),
         density: s.material.density.clone(),
         osteotomy: match (&s.osteotomy.file, &s.osteotomy.points) {
             (Some(path), _) => OsteotomySource::File(path.clone()),
@@ -204,7 +216,7 @@ fn body(s: &Scenario, patient: &Patient) -> Body {
 }
 
 /// Mean edge length near the line; of the whole mesh where none is near \[mm\].
-fn element_size(mesh: &TetMesh, osteotomy: &Osteotomy) -> f64 {
+pub(super) fn element_size(mesh: &TetMesh, osteotomy: &Osteotomy) -> f64 {
     let marks: Vec<Vec3> = osteotomy
         .parts
         .iter()

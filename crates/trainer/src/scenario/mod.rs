@@ -607,6 +607,10 @@ impl Loops {
 pub const BSSO_RIGHT: &str = include_str!("../../../../scenarios/bsso_right.toml");
 /// The shipped scenario, left side.
 pub const BSSO_LEFT: &str = include_str!("../../../../scenarios/bsso_left.toml");
+/// The right side through the open mouth.
+pub const BSSO_RIGHT_MOUTH: &str = include_str!("../../../../scenarios/bsso_right_mouth.toml");
+/// The left side through the open mouth.
+pub const BSSO_LEFT_MOUTH: &str = include_str!("../../../../scenarios/bsso_left_mouth.toml");
 
 impl Tool {
     /// The simulated hand that holds this tool's device.

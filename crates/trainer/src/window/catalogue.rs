@@ -5,9 +5,19 @@ use osteotome_devices::{Binding, Driver, HapticDevice};
 use std::path::PathBuf;
 
 /// Scenarios that come with the program: name in the settings, title, text.
-pub const SHIPPED: [(&str, &str, &str); 2] = [
+pub const SHIPPED: [(&str, &str, &str); 4] = [
     ("bsso-right", "BSSO, right side", scenario::BSSO_RIGHT),
     ("bsso-left", "BSSO, left side", scenario::BSSO_LEFT),
+    (
+        "bsso-right-mouth",
+        "BSSO, right side, through the mouth",
+        scenario::BSSO_RIGHT_MOUTH,
+    ),
+    (
+        "bsso-left-mouth",
+        "BSSO, left side, through the mouth",
+        scenario::BSSO_LEFT_MOUTH,
+    ),
 ];
 
 /// Where a scenario called so comes from: a shipped one, or a file.
