@@ -177,8 +177,8 @@ impl Study {
             let state = self
                 .bone
                 .under_loads(&scaled.collect::<Vec<_>>(), &mut faces);
-            let settings = PropagationSettings::default();
-            let (grown, report) = propagation_step(&self.bone, &state, &settings, None)?;
+            let (grown, report) =
+                propagation_step(&self.bone, &state, &PropagationSettings::default(), None)?;
             if let Some(bone) = grown {
                 let step = Step {
                     force,
@@ -188,7 +188,7 @@ impl Study {
                 return Ok(Some((bone, step)));
             }
             // G goes by the square of the load.
-            let to_start = (0.98 * (settings.tried / report.strongest).sqrt()).min(2.0);
+            let to_start = (0.98 / report.strongest.sqrt()).min(2.0);
             force *= to_start.max(RAISED);
         }
         Ok(None)

@@ -10,9 +10,6 @@ use crate::geometry::Vec3;
 /// How the propagation step behaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PropagationSettings {
-    /// From this drive on a front is tried; whether it grows, the balance says. Just before a stiffer layer K all but vanishes, and the
-    /// layer yet breaks if that pays.
-    pub tried: f64,
     /// Ligaments are sought once at most so many mesh edges still hold the two ends together,
     pub ligament_edges: usize,
     /// or this share of all the mesh's edges, whichever is more.
@@ -22,7 +19,6 @@ pub struct PropagationSettings {
 impl Default for PropagationSettings {
     fn default() -> Self {
         Self {
-            tried: 0.3,
             ligament_edges: 12,
             ligament_share: 0.0025,
         }
@@ -99,13 +95,13 @@ impl Rest {
     }
 
     /// Whether nothing pays under `now` either: what a growth releases goes with the square of the load, as drives and energy do, so
-    /// neither may have risen by what the best growth lacked, and no front may have come to be tried.
-    fn holds(&self, now: &Self, tried: f64) -> bool {
+    /// neither may have risen by what the best growth lacked, and no front may have come to be driven.
+    fn holds(&self, now: &Self) -> bool {
         /// Less than one, and never many times the load: its pattern may have changed as well.
         const MARGIN: f64 = 0.8;
         const LEAST: f64 = 0.5;
-        let is_tried = |drive: &f64| *drive >= tried;
-        let rise = |(then, now): (&f64, &f64)| match (is_tried(then), is_tried(now)) {
+        let is_driven = |drive: &f64| *drive >= 1.0;
+        let rise = |(then, now): (&f64, &f64)| match (is_driven(then), is_driven(now)) {
             (_, false) => 0.0,
             (false, true) => f64::INFINITY,
             (true, true) => now / then,
@@ -142,22 +138,20 @@ pub fn propagation_step(
     report.strongest = drives.largest();
     // What moves is the whole front, in proportion to its drive, as soon as the balance pays for it: where only the hardest driven places
     // move, the front turns ragged, and the integrals along it go wrong.
-    let is_driven = report.strongest >= settings.tried;
-    let least = if is_driven { 0.0 } else { settings.tried };
-    let moves = drives.moves(&evaluated, lengths, least);
+    let is_driven = report.strongest >= 1.0;
+    let moves = drives.moves(&evaluated, lengths, if is_driven { 0.0 } else { 1.0 });
     for ((e, drives), moves) in evaluated.iter().zip(&drives.smooth).zip(&moves) {
         let points = e.stations.iter().zip(drives).zip(moves);
         let points = points.map(|((s, d), m)| FrontPoint::new(s, d, m));
         report.fronts.push(points.collect());
     }
     let rest = Rest::new(&drives, state);
-    if let Some(rested) = rested.filter(|r| r.holds(&rest, settings.tried)) {
+    if let Some(rested) = rested.filter(|r| r.holds(&rest)) {
         report.rest = Some(rested.clone());
         return Ok((None, report));
     }
     let balance = Balance::new(&bone.cracked, state);
-    let pace = drives.pace(&evaluated).max(settings.tried);
-    let driven = lengths.increment * settings.tried / pace;
+    let driven = lengths.increment / drives.pace(&evaluated).max(1.0);
     let mut stretches = stretches(&evaluated, &moves);
     stretches.retain(|(_, moves)| longest(moves) >= driven);
     let mut best = best_of(&stretches, |front, moves| balance.advance(front, moves))?;
@@ -236,16 +230,16 @@ mod tests {
             ratio,
         };
         let then = rest(&[2.0, 0.5], 10.0, 0.6);
-        assert!(then.holds(&rest(&[2.4, 0.9], 12.0, 0.0), 1.0));
+        assert!(then.holds(&rest(&[2.4, 0.9], 12.0, 0.0)));
         for now in [
             rest(&[2.8, 0.5], 10.0, 0.0),
             rest(&[2.0, 1.1], 10.0, 0.0),
             rest(&[2.0, 0.5], 14.0, 0.0),
             rest(&[2.0], 10.0, 0.0),
         ] {
-            assert!(!then.holds(&now, 1.0), "{now:?}");
+            assert!(!then.holds(&now), "{now:?}");
         }
         // Nothing was tried, as nothing was driven.
-        assert!(!rest(&[0.9], 10.0, 0.0).holds(&rest(&[1.0], 12.0, 0.0), 1.0));
+        assert!(!rest(&[0.9], 10.0, 0.0).holds(&rest(&[1.0], 12.0, 0.0)));
     }
 }
