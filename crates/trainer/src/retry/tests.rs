@@ -126,7 +126,7 @@ fn a_session_gone_on_from_with_its_own_hands_is_the_session_that_it_was() {
     }
     for (at, word) in [
         (0.0, "no moment at 0"),
-        (9.5, "lasts 1.5"),
+        (9.5, "lasts 1.6"),
         (f64::NAN, "no moment"),
     ] {
         let told = stage.moment(at).err().map(|e| format!("{e:#}")).unwrap();

@@ -3,6 +3,7 @@ use super::app::Window;
 use super::{panels, style};
 use anyhow::{Context as _, Result};
 use eframe::egui::{Button, Context, RichText, ScrollArea, vec2};
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// A folder with more is listed up to here.
@@ -30,7 +31,7 @@ impl Picker {
             let name = entry.file_name().to_string_lossy().into_owned();
             // A link is what it leads to; one that leads nowhere is nothing.
             let is_folder = entry.path().is_dir();
-            let extension = entry.path().extension().map(|e| e.to_ascii_lowercase());
+            let extension = entry.path().extension().map(OsStr::to_ascii_lowercase);
             let opens = extension.is_some_and(|e| e == "toml" || e == "mcap");
             if is_folder && !name.starts_with('.') {
                 folders.push(name);
@@ -59,7 +60,7 @@ enum Chosen {
 pub fn open(w: &mut Window) {
     let last = w.settings.recent.first().and_then(|f| f.parent());
     let places = last.into_iter().chain([Path::new(".")]);
-    match places.map(Picker::list).reduce(|a, b| a.or(b)) {
+    match places.map(Picker::list).reduce(Result::or) {
         Some(Ok(picker)) => w.picker = Some(picker),
         Some(Err(error)) => w.notify(format!("{error:#}")),
         None => {}
