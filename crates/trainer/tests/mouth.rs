@@ -122,11 +122,12 @@ fn check(side: &str, change: &str) {
                 .find(|far| scene.nearest(hand, &moved(*far)).0 < 0.0);
             let first =
                 first.unwrap_or_else(|| panic!("{name}: hand {hand} meets nothing {whither}"));
-            // Soft tissue gives way at first, however little of a blade lies in it.
-            let [soon, then] = [4.0, 8.0].map(|more| scene.force(hand, &moved(first + more)));
+            // Soft tissue gives way at first; a retractor is thin.
+            let within = (1..=8).map(|more| scene.force(hand, &moved(first + f64::from(more))));
+            let most = within.fold(0.0, f64::max);
             assert!(
-                first > 1.5 && soon > 5.0 && then > 50.0,
-                "{name}: hand {hand} {whither}: {first} mm, {soon} and {then} N"
+                first > 1.5 && most > 10.0,
+                "{name}: hand {hand} {whither}: {first} mm, {most} N"
             );
         }
     }
