@@ -231,13 +231,13 @@ mod tests {
         };
         let then = rest(&[2.0, 0.5], 10.0, 0.6);
         assert!(then.holds(&rest(&[2.4, 0.9], 12.0, 0.0)));
-        for now in [
+        for later in [
             rest(&[2.8, 0.5], 10.0, 0.0),
             rest(&[2.0, 1.1], 10.0, 0.0),
             rest(&[2.0, 0.5], 14.0, 0.0),
             rest(&[2.0], 10.0, 0.0),
         ] {
-            assert!(!then.holds(&now), "{now:?}");
+            assert!(!then.holds(&later), "{later:?}");
         }
         // Nothing was tried, as nothing was driven.
         assert!(!rest(&[0.9], 10.0, 0.0).holds(&rest(&[1.0], 12.0, 0.0)));
