@@ -118,9 +118,8 @@ impl Rig {
 
     /// Main steps at these hands until nothing moves any more; the vertical pull at the first hand \[N\].
     fn settle(&mut self, devices: [Pose; 2]) -> f64 {
-        // Contact knows its points to some 1e-6 mm (f32 from the middle of the bone): nearer than this no rest is.
         let settings = MainSettings {
-            absolute_tolerance: 1e-5,
+            absolute_tolerance: 1e-6,
             relative_tolerance: 1e-6,
             max_iterations: 40,
             ..Default::default()

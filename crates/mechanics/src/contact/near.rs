@@ -4,6 +4,7 @@ use super::query::{ContactScene, FromCell, IntoShape};
 use super::rigid_shape::Faces;
 use super::{BoundingVolumes, RigidShape};
 use crate::geometry::{LANES, Lanes, Pose, Vec3, set_bits};
+use nalgebra::Matrix3x4;
 use wide::f32x4;
 
 /// Points within this distance of a shape \[mm\] are kept: the shape may move as far before others are picked.
@@ -45,8 +46,9 @@ struct Found {
 /// Four points, fewer at the end. Places without a point have positions that are NaN: they are nowhere.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NearFour {
-    /// From the middle of the scene's volumes, in the world's axes: they hang on the state alone, not on where a shape was.
-    pub positions: [[f32; LANES]; 3],
+    /// From the middle of the scene's volumes, in the world's axes, as coarse and fine part: they hang on the state alone, not on where a
+    /// shape was. A single f32 is off by 1e-6 mm there, by which a stiff contact on a soft bone never comes to rest.
+    positions: [[[f32; LANES]; 3]; 2],
     pub normals: [[f32; LANES]; 3],
     pub areas: [f32; LANES],
     pub cells: [u32; LANES],
@@ -56,13 +58,33 @@ pub(super) struct NearFour {
 
 impl NearFour {
     const EMPTY: Self = Self {
-        positions: [[f32::NAN; LANES]; 3],
+        positions: [[[f32::NAN; LANES]; 3]; 2],
         normals: [[0.0; LANES]; 3],
         areas: [0.0; LANES],
         cells: [0; LANES],
         places: [0; LANES],
         ids: [0; LANES],
     };
+
+    #[inline]
+    pub fn coarse<L: Lanes>(&self, at: usize) -> [L; 3] {
+        self.positions[0].each_ref().map(|p| L::load(p, at))
+    }
+
+    #[inline]
+    pub fn fine<L: Lanes>(&self, at: usize) -> [L; 3] {
+        self.positions[1].each_ref().map(|p| L::load(p, at))
+    }
+}
+
+/// A point that was found.
+struct Point<'a> {
+    cell: u32,
+    block: &'a BlockPoints<'a>,
+    /// Its place in the block.
+    k: usize,
+    /// Coarse and fine part.
+    position: [[f32; 3]; 2],
 }
 
 /// A list of points.
@@ -106,19 +128,19 @@ impl Points {
         Some((self.fours.last_mut()?, at))
     }
 
-    /// Point `k` of a block.
-    fn put(&mut self, cell: u32, block: &BlockPoints, k: usize, position: [f32; 3]) -> bool {
+    fn put(&mut self, point: &Point) -> bool {
         let Some((four, at)) = self.next() else {
             return false;
         };
-        for (to, from) in four.positions.iter_mut().zip(position) {
-            to[at] = from;
+        let Point { block, k, .. } = *point;
+        for (to, from) in four.positions.iter_mut().zip(point.position) {
+            (0..3).for_each(|axis| to[axis][at] = from[axis]);
         }
         for (to, from) in four.normals.iter_mut().zip(block.normals) {
             to[at] = from[k];
         }
         four.areas[at] = block.areas[k];
-        four.cells[at] = cell;
+        four.cells[at] = point.cell;
         four.places[at] = (block.first + k) as u32;
         four.ids[at] = block.ids[k];
         true
@@ -130,7 +152,8 @@ impl Points {
             return;
         };
         for k in 0..3 {
-            four.positions[k][at] = from.positions[k][l];
+            four.positions[0][k][at] = from.positions[0][k][l];
+            four.positions[1][k][at] = from.positions[1][k][l];
             four.normals[k][at] = from.normals[k][l];
         }
         four.areas[at] = from.areas[l];
@@ -309,10 +332,9 @@ impl Points {
     /// Picks those near the shape.
     fn pick_near<L: Lanes>(&mut self, around: &Self, search: &Search) {
         for four in &around.fours {
-            let near = (0..LANES).step_by(L::N).fold(0, |near, at| {
-                let positions = four.positions.each_ref().map(|p| L::load(p, at));
-                near | search.near::<L>(positions, four.normals.each_ref(), at) << at
-            });
+            let near = (0..LANES)
+                .step_by(L::N)
+                .fold(0, |near, at| near | search.near::<L>(four, at) << at);
             for l in set_bits(near) {
                 self.pick(four, l);
             }
@@ -322,13 +344,13 @@ impl Points {
     /// Finds those near the shape straight in the bone, the deepest first if there is no room for all; how many found none.
     fn find_deepest<L: Lanes>(&mut self, search: &Search) -> usize {
         let mut depths = Depths::default();
-        search.each_about::<L>(MARGIN, |_, block, k, position| {
-            depths.add(search.depth(block, k, position));
+        search.each_about::<L>(MARGIN, |point| {
+            depths.add(search.depth(point));
             true
         });
         let deeper = depths.deepest(self.n_room);
-        search.each_about::<L>(MARGIN, |cell, block, k, position| {
-            search.depth(block, k, position) <= deeper || self.put(cell, block, k, position)
+        search.each_about::<L>(MARGIN, |point| {
+            search.depth(point) <= deeper || self.put(point)
         });
         depths.n - self.n
     }
@@ -359,9 +381,7 @@ impl Around {
     fn look<L: Lanes>(&mut self, search: &Search, at: &Pose, scene: &ContactScene) {
         self.points.clear();
         let points = &mut self.points;
-        let is_all = search.each_about::<L>(AROUND, |cell, block, k, position| {
-            points.put(cell, block, k, position)
-        });
+        let is_all = search.each_about::<L>(AROUND, |point| points.put(point));
         self.found = is_all.then_some(Found {
             at: *at,
             state: scene.state,
@@ -540,29 +560,25 @@ impl<'a> Search<'a> {
         back
     }
 
-    /// Which points are within the margin of the shape, a bit each.
+    /// Which points of four are within the margin of the shape, a bit each.
     #[inline]
-    fn near<L: Lanes>(&self, positions: [L; 3], normals: [&[f32; LANES]; 3], at: usize) -> u32 {
-        let facing = self.from_middle.facing::<L>(normals, at);
-        let place = self.from_middle.place(positions);
+    fn near<L: Lanes>(&self, four: &NearFour, at: usize) -> u32 {
+        let facing = self.from_middle.facing::<L>(four.normals.each_ref(), at);
+        let place = self.from_middle.place(four.coarse(at));
         let within = L::splat(MARGIN + ROUNDING);
         L::bits(self.faces.near_facing(place, within, facing))
     }
 
-    /// Point `k` of a block, at `position` from the middle of the volumes.
-    fn depth(&self, block: &BlockPoints, k: usize, position: [f32; 3]) -> f32 {
-        let normals = block.normals.map(|n| [n[k]; LANES]);
+    fn depth(&self, point: &Point) -> f32 {
+        let normals = point.block.normals.map(|n| [n[point.k]; LANES]);
         let facing = self.from_middle.facing::<f32>(normals.each_ref(), 0);
-        self.faces.depth(self.from_middle.place(position), facing)
+        let place = self.from_middle.place(point.position[0]);
+        self.faces.depth(place, facing)
     }
 
-    /// Calls `visit` with the cell, the block, the place in it and the position of each point that may come within `margin`, until it says
-    /// no; whether it never did. Points of walls count whichever side they look to.
-    fn each_about<L: Lanes>(
-        &self,
-        margin: f32,
-        mut visit: impl FnMut(u32, &BlockPoints, usize, [f32; 3]) -> bool,
-    ) -> bool {
+    /// Calls `visit` with each point that may come within `margin`, until it says no; whether it never did. Points of walls count
+    /// whichever side they look to.
+    fn each_about<L: Lanes>(&self, margin: f32, mut visit: impl FnMut(&Point) -> bool) -> bool {
         let shell = self.scene.shell;
         let mut goes_on = true;
         self.balls(margin).each_near::<L>(|place, is_near| {
@@ -576,8 +592,16 @@ impl<'a> Search<'a> {
             };
             let from_cell = FromCell::new(d, self.scene.volumes.middle());
             self.blocks_near::<L>(cell as usize, &from_cell, margin, |block, is_walled| {
-                self.points_near::<L>(block, is_walled, &from_cell, margin, |k, position| {
-                    goes_on = goes_on && visit(cell, block, k, position);
+                self.points_near::<L>(block, is_walled, &from_cell, margin, |k| {
+                    if goes_on {
+                        let position = exactly(d, block, k, self.scene.volumes.middle());
+                        goes_on = visit(&Point {
+                            cell,
+                            block,
+                            k,
+                            position,
+                        });
+                    }
                 });
             });
         });
@@ -617,7 +641,7 @@ impl<'a> Search<'a> {
         is_walled: bool,
         from_cell: &FromCell,
         margin: f32,
-        mut visit: impl FnMut(usize, [f32; 3]),
+        mut visit: impl FnMut(usize),
     ) {
         let n = block.ids.len();
         let [a, b, c, d] = block.weights;
@@ -628,17 +652,8 @@ impl<'a> Search<'a> {
             for at in (0..n_left).step_by(L::N) {
                 let position = from_cell.place::<L>(weights, at);
                 let near = self.near_walled(position, within, |_| is_walled) << at;
-                let near = near & ((1 << n_left) - 1);
-                if near == 0 {
-                    continue;
-                }
-                let [x, y, z] = position.map(|v| {
-                    let mut four = [0.0; LANES];
-                    v.store(&mut four, at);
-                    four
-                });
-                for k in set_bits(near) {
-                    visit(first + k, [x[k], y[k], z[k]]);
+                for k in set_bits(near & ((1 << n_left) - 1)) {
+                    visit(first + k);
                 }
             }
         }
@@ -665,4 +680,18 @@ fn four(from: &[f32], first: usize) -> &[f32; LANES] {
     from.get(first..)
         .and_then(<[f32]>::first_chunk)
         .unwrap_or(&[f32::NAN; LANES])
+}
+
+/// Where point `k` of a block lies from `middle` in a deformed cell, as coarse and fine part.
+fn exactly(d: &Matrix3x4<f32>, block: &BlockPoints, k: usize, middle: &Vec3) -> [[f32; 3]; 2] {
+    let weights = block.weights.map(|w| f64::from(w[k]));
+    let along = |axis: usize| {
+        let node = |n: usize| f64::from(d[(axis, n)]) - middle[axis];
+        (weights[0] * node(0) + weights[1] * node(1))
+            + (weights[2] * node(2) + weights[3] * node(3))
+    };
+    let position = [0, 1, 2].map(along);
+    let coarse = position.map(|v| v as f32);
+    let fine = [0, 1, 2].map(|axis| (position[axis] - f64::from(coarse[axis])) as f32);
+    [coarse, fine]
 }

@@ -69,8 +69,7 @@ pub fn penetrations_in<L: Lanes>(
     let into = IntoShape::new(world_from_shape, middle);
     for points in near.fours() {
         for at in (0..LANES).step_by(L::N) {
-            let [x, y, z] = points.positions.each_ref().map(|p| L::load(p, at));
-            let position = into.place([x, y, z]);
+            let position = into.place_exactly(points.coarse(at), points.fine(at));
             let facing = into.facing::<L>(points.normals.each_ref(), at);
             let found = shape.inside(position, facing);
             let hits = L::bits(found.distance.less(L::splat(0.0)));
@@ -140,11 +139,18 @@ impl IntoShape {
         }
     }
 
-    /// Where places are in the shape's frame. The shape's origin is taken off first: what is left is as exact as the place is near it.
+    /// Where places are in the shape's frame.
     #[inline]
     pub fn place<L: Lanes>(&self, place: [L; 3]) -> [L; 3] {
-        let [coarse, fine] = &self.origin;
-        let about = |k: usize| (place[k] - L::splat(coarse[k])) - L::splat(fine[k]);
+        self.place_exactly(place, [L::splat(0.0); 3])
+    }
+
+    /// Where places are that come in a coarse and a fine part. The shape's origin is taken off the coarse parts first, which is exact near
+    /// the shape, so that nothing is rounded but what is small.
+    #[inline]
+    pub fn place_exactly<L: Lanes>(&self, coarse: [L; 3], fine: [L; 3]) -> [L; 3] {
+        let [origin, rest] = &self.origin;
+        let about = |k: usize| (coarse[k] - L::splat(origin[k])) + (fine[k] - L::splat(rest[k]));
         self.turned([about(0), about(1), about(2)])
     }
 

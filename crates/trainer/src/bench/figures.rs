@@ -88,10 +88,13 @@ fn rates(paced: &Paced) -> Chart {
 fn haptic_rate(clock: &[[f64; 2]]) -> Vec<(f64, f64)> {
     let mut rates = Vec::new();
     let mut first = clock.first().copied().unwrap_or_default();
-    for now in clock {
-        if now[0] - first[0] >= WINDOW {
-            rates.push((now[1], 1000.0 * (now[1] - first[1]) / (now[0] - first[0])));
-            first = *now;
+    for sample in clock {
+        if sample[0] - first[0] >= WINDOW {
+            rates.push((
+                sample[1],
+                1000.0 * (sample[1] - first[1]) / (sample[0] - first[0]),
+            ));
+            first = *sample;
         }
     }
     rates
