@@ -26,6 +26,10 @@ pub(super) struct Trial {
     pub ratio: f64,
     /// Effective area of the new faces \[mm2\].
     pub area: f64,
+    /// Energy released over what is needed \[N mm\].
+    pub gain: f64,
+    /// Whether something that is pressed on crumbles off.
+    pub crumbles: bool,
 }
 
 impl<'a> Balance<'a> {
@@ -37,7 +41,7 @@ impl<'a> Balance<'a> {
         }
     }
 
-    /// Of all growths weighed, the largest ratio of energy released to energy needed.
+    /// Of all growths weighed under which nothing crumbles off, the largest ratio of energy released to energy needed.
     pub fn best(&self) -> f64 {
         self.best.get()
     }
@@ -50,16 +54,26 @@ impl<'a> Balance<'a> {
         }
         let body = self.body.grown(growth)?;
         let (area, cost) = body.cost(self.body, &newly_cut);
-        let ratio = self.released(&body) / cost.max(LEAST_COST);
-        self.best.set(self.best.get().max(ratio));
-        Ok(Some(Trial { body, ratio, area }))
+        let carried = body.carry_loads(self.body, &self.state.loads);
+        let crumbles = carried.iter().any(|l| body.is_debris(l.cell));
+        let released = self.released(&body, &carried);
+        let (ratio, gain) = (released / cost.max(LEAST_COST), released - cost);
+        if !crumbles {
+            self.best.set(self.best.get().max(ratio));
+        }
+        Ok(Some(Trial {
+            body,
+            ratio,
+            area,
+            gain,
+            crumbles,
+        }))
     }
 
     /// What a held load gives up, U (1 - C / C') for compliances C and C' before and after: less than what is set free if the forces
     /// stay, and all of U at most. Loads on what crumbles off give up all that they had stored.
-    fn released(&self, grown: &CrackedBody) -> f64 {
+    fn released(&self, grown: &CrackedBody, carried: &[CellForce]) -> f64 {
         let (body, loads) = (self.body, &self.state.loads);
-        let carried = grown.carry_loads(body, loads);
         let stays = |l: &&CellForce| !grown.is_debris(l.cell);
         let staying: Vec<CellForce> = carried.iter().filter(stays).copied().collect();
         let part = |whole: f64, more: f64| {
@@ -77,11 +91,11 @@ impl<'a> Balance<'a> {
                 return part(self.state.strain_energy, more);
             }
         }
-        let kept = loads.iter().zip(&carried).filter(|(_, c)| stays(c));
+        let kept = loads.iter().zip(carried).filter(|(_, c)| stays(c));
         let kept: Vec<CellForce> = kept.map(|(l, _)| *l).collect();
         let [all, before, after] =
             [body.work(loads), body.work(&kept), grown.work(&staying)].map(|work| 0.5 * work);
-        all - before + part(before, after - before)
+        (all - before + part(before, after - before)).min(self.state.strain_energy)
     }
 
     /// The affordable growth of a stretch of front: as a whole or, if the energy does not suffice, only where it is driven
@@ -122,6 +136,21 @@ impl<'a> Balance<'a> {
             front,
             std::iter::once(ways.to_vec()).chain(pieces.map(piece)),
         )
+    }
+
+    /// Of several ways for a front, the one that gains most, unless something under a tool crumbles off; none if none pays.
+    pub fn best_way(
+        &self,
+        front: &Front,
+        ways: impl IntoIterator<Item = Vec<Vec3>>,
+    ) -> Result<Option<Trial>, BodyError> {
+        let mut best: Option<Trial> = None;
+        for moves in ways {
+            let trial = self.weigh(self.body.advanced(&[(front, &moves)]))?;
+            let paid = trial.filter(|t| t.ratio >= 1.0 && !t.crumbles);
+            best = most_gaining(best, paid);
+        }
+        Ok(best)
     }
 
     fn first_paid(
@@ -182,6 +211,16 @@ impl<'a> Balance<'a> {
             part
         };
         windows.into_iter().take(MOST_WINDOWS).map(alone).collect()
+    }
+}
+
+/// The one of two trials that gains more.
+pub(super) fn most_gaining(one: Option<Trial>, other: Option<Trial>) -> Option<Trial> {
+    let gain = |t: &Option<Trial>| t.as_ref().map_or(f64::NEG_INFINITY, |t| t.gain);
+    if gain(&other) > gain(&one) {
+        other
+    } else {
+        one
     }
 }
 

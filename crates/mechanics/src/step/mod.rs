@@ -10,6 +10,7 @@ pub mod main;
 mod meeting;
 mod propagation;
 mod relaxation;
+mod search;
 mod sweep_region;
 mod under_loads;
 mod walls;

@@ -1,6 +1,6 @@
 use super::balance::{Balance, Trial, longest};
 use super::bone::{Bone, BoneState};
-use super::{ligament, meeting};
+use super::{ligament, meeting, search};
 use crate::crack::growth::Drive;
 use crate::crack::load_control::FrontDrives;
 use crate::crack::stress_intensity::Station;
@@ -174,6 +174,9 @@ pub fn propagation_step(
         best = best_of(&stretches, |front, moves| {
             balance.advance_some(front, moves, driven)
         })?;
+    }
+    if best.is_none() && report.strongest >= search::OVERDRIVEN {
+        best = search::best(&balance, &evaluated, &drives, lengths)?;
     }
     let Some(Trial { body: grown, .. }) = best else {
         let ratio = balance.best();
