@@ -5,7 +5,7 @@ use osteotome_mechanics::contact::Anchors;
 use osteotome_mechanics::geometry::{Aabb, DistanceGrid, Pose, Vec3};
 use osteotome_mechanics::tool::{
     ScratchLimits, SolveSettings, ToolInput, ToolModel, ToolScratch, ToolsResult, ToolsState,
-    evaluate_contacts, solve_tools,
+    evaluate_contacts, solve_tools, solve_tools_on_threads,
 };
 use std::sync::Arc;
 use support::{Block, aside, downward, model, moved, noise};
@@ -38,7 +38,11 @@ impl Rig {
             anchors: &self.anchors,
             compliance: None,
         };
-        solve_tools(
+        let solve = match settings.points_for_two_threads {
+            0 => solve_tools_on_threads,
+            _ => solve_tools,
+        };
+        solve(
             &self.model,
             settings,
             &input,

@@ -11,7 +11,7 @@
 mod rig;
 
 use osteotome_mechanics::geometry::{Pose, Vec3};
-use rig::{DEVICES, Device, Hand, Rig, SCALES, downward, hands};
+use rig::{BLADE, DEVICES, Device, Hand, Rig, SCALES, downward, hands};
 
 /// The program's own \[N/mm at the device\].
 const STIFFNESS: f64 = 0.4;
@@ -121,8 +121,8 @@ fn press(device: Device, hand: Hand, speed: f64, tilt: f64, stiffness: f64) -> R
     let spring = Ideal::new(device, hand, stiffness, seconds, height);
     let ideal = spring.peak;
     judge(&rig, &device, Some(spring.swing))?;
-    let shown = rig.forces.iter().fold(0.0f64, |m, f| m.max(*f));
-    let steady = mean(&rig.forces[rig.forces.len() - 200..]);
+    let shown = rig.forces[0].iter().fold(0.0f64, |m, f| m.max(*f));
+    let steady = mean(&rig.forces[0][rig.forces[0].len() - 200..]);
     if ideal < 1.1 * spring.steady && shown > 1.5 * steady {
         return Err(format!("a spike of {shown:.2} N before {steady:.2} N"));
     }
@@ -141,6 +141,9 @@ fn press(device: Device, hand: Hand, speed: f64, tilt: f64, stiffness: f64) -> R
     judge(&rig, &device, None)
 }
 
+/// When chisels in a kerf begin to twist \[steps\].
+const TWIST_FROM: usize = 300;
+
 /// Both chisels go 4 mm into the kerf and twist against each other, by up to `twist` \[rad\]; then the hands are held.
 fn lever(
     device: Device,
@@ -156,12 +159,12 @@ fn lever(
     let both = |z: f64, turn: f64| [0, 1].map(|t| pose(t, z, turn));
     let mut rig = Rig::new(device, [hand; 2], true, both(2.0, 0.0), stiffness);
     rig.breaks = breaks;
-    for ms in 0..300 {
+    for ms in 0..TWIST_FROM as u32 {
         rig.advance(both(2.0 - 0.02 * f64::from(ms), 0.0));
     }
     let mut turn = 0.0;
     for _ in 0..800 {
-        if rig.is_severed() {
+        if rig.severed_at.is_some() {
             break;
         }
         turn = (turn + 0.001f64).min(twist);
@@ -214,28 +217,113 @@ fn both_chisels_in_the_kerf() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// The paper's figure 5 for every device with torque: it rises while the hands twist and is gone soon after the break.
+/// The paper's figure 5, for one hand, around a break between the steps `grown` (the crack begins to run) and `severed`.
+///
+/// In means over 20 ms: while the hands twist a whole bone the torque rises from less than half of its peak, and never drops by a
+/// tenth of it; the peak comes while the crack runs; from 60 ms after it all is below a third, for good. Forces stay below a
+/// tenth of the device's, and below .15 of what the torque is worth at a corner of the blade: it is the torque that is felt. A device
+/// without torque shows none; there it is that of the coupling, which the hand would feel.
+fn figure_5(
+    rig: &Rig,
+    device: &Device,
+    hand: usize,
+    [grown, severed]: [usize; 2],
+) -> Result<(), String> {
+    const SPAN: usize = 20;
+    let torques: Vec<f64> = if device.model.max_torque > 0.0 {
+        rig.torques[hand].clone()
+    } else if rig.torques[hand].iter().all(|t| *t == 0.0) {
+        let pulls = rig.pulls[hand].iter();
+        pulls.map(|w| SCALES[1] * w.torque.norm()).collect()
+    } else {
+        return Err("a device without torque shows one".to_owned());
+    };
+    let means: Vec<f64> = torques.chunks_exact(SPAN).map(mean).collect();
+    let top = (0..means.len()).max_by(|a, b| means[*a].total_cmp(&means[*b]));
+    let top = top.unwrap_or(0);
+    let peak = means[top];
+    let (grown, severed) = (grown / SPAN, severed / SPAN);
+    if peak < 1000.0 * SCALES[1] {
+        return Err(format!("hardly a torque: {peak:.1} N mm"));
+    }
+    if !(grown - 1..=severed).contains(&top) {
+        return Err(format!(
+            "the peak is in span {top}, the crack ran in {grown} to {severed}"
+        ));
+    }
+    let rise = &means[TWIST_FROM / SPAN..grown];
+    if rise.first().is_none_or(|first| *first > 0.5 * peak) {
+        return Err(format!("it does not rise: {rise:.1?} to {peak:.1} N mm"));
+    }
+    let mut highest = 0.0f64;
+    for t in rise {
+        if *t < highest - 0.1 * peak {
+            return Err(format!("{t:.1} after {highest:.1} N mm on a whole bone"));
+        }
+        highest = highest.max(*t);
+    }
+    let after = means[severed + 3..].iter().fold(0.0f64, |m, t| m.max(*t));
+    if after > peak / 3.0 {
+        return Err(format!("{after:.1} N mm left of a peak of {peak:.1}"));
+    }
+    let force = rig.forces[hand].iter().fold(0.0f64, |m, f| m.max(*f));
+    let pull = rig.pulls[hand].iter().map(|w| w.force.norm());
+    let pull = pull.fold(0.0f64, f64::max);
+    let at_corner = peak / SCALES[1] / (0.5 * BLADE);
+    if force > 0.1 * device.model.max_force || pull > 0.15 * at_corner {
+        return Err(format!(
+            "{force:.2} N shown, {pull:.0} N at the bone, {at_corner:.0} N at a blade's corner"
+        ));
+    }
+    Ok(())
+}
+
 #[test]
 fn through_the_break() {
     let mut wrong = Vec::new();
     for device in DEVICES {
         for hand in tried() {
             let outcome = lever(device, hand, 0.8, true, STIFFNESS).and_then(|rig| {
-                if !rig.is_severed() {
+                let (Some(grown), Some(severed)) = (rig.grown_at, rig.severed_at) else {
                     return Err("it did not break".to_owned());
-                }
-                let peak = rig.torques.iter().fold(0.0f64, |m, t| m.max(*t));
-                let after = rig.torques[rig.torques.len() - 100..].iter().sum::<f64>() / 100.0;
-                if device.model.max_torque > 0.0 && (peak < 100.0 * SCALES[1] || after > 0.5 * peak)
-                {
-                    return Err(format!("torque {after:.1} after a peak of {peak:.1} N mm"));
-                }
-                Ok(())
+                };
+                let judged = |t| figure_5(&rig, &device, t, [grown, severed]);
+                judged(0).and_then(|()| judged(1))
             });
             wrong.extend(report("through the break", &device, &hand, outcome));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// The test above can fail: by a bone that holds, and by courses that are spoiled in one respect each.
+#[test]
+fn other_courses_are_not_figure_5() {
+    let (device, hand) = (DEVICES[1], hands().nth(5).unwrap());
+    let run = |breaks| lever(device, hand, 0.8, breaks, STIFFNESS).unwrap();
+    let mut rig = run(true);
+    let [grown, severed] = [rig.grown_at, rig.severed_at].map(Option::unwrap);
+    let is_refused = |rig: &Rig, why: &str| {
+        let told = figure_5(rig, &device, 0, [grown, severed]).unwrap_err();
+        assert!(told.contains(why), "{told}");
+    };
+    is_refused(&run(false), "the peak is in span");
+    let (torques, forces) = (rig.torques[0].clone(), rig.forces[0].clone());
+    let peak = torques.iter().fold(0.0f64, |m, t| m.max(*t));
+
+    rig.torques[0][severed + 40..].fill(0.5 * peak);
+    is_refused(&rig, "left of a peak");
+    rig.torques[0].clone_from(&torques);
+    rig.torques[0][grown - 40..grown - 20].fill(0.1 * peak);
+    is_refused(&rig, "on a whole bone");
+    rig.torques[0].clone_from(&torques);
+    rig.torques[0][..grown - 20].fill(0.8 * peak);
+    is_refused(&rig, "does not rise");
+    rig.torques[0].clone_from(&torques);
+    rig.forces[0].iter_mut().for_each(|force| *force *= 10.0);
+    is_refused(&rig, "N shown");
+    rig.forces[0].clone_from(&forces);
+    assert_eq!(figure_5(&rig, &device, 0, [grown, severed]), Ok(()));
 }
 
 /// Whether all of the above holds with a coupling of this stiffness.
@@ -298,7 +386,7 @@ fn free_motion_is_free() {
             rig.advance([at(f64::from(ms)), aside()]);
         }
         let largest = |shown: &[f64]| shown.iter().fold(0.0f64, |m, f| m.max(*f));
-        let (force, torque) = (largest(&rig.forces), largest(&rig.torques));
+        let (force, torque) = (largest(&rig.forces[0]), largest(&rig.torques[0]));
         let name = device.model.name;
         assert!(force < 0.05, "{name}: {force} N");
         assert!(

@@ -10,7 +10,7 @@ use crate::crack::stress_intensity::CellForce;
 use crate::geometry::{Pose, Vec3};
 use crate::tool::{
     BoneCompliance, ScratchLimits, SolveSettings, ToolInput, ToolModel, ToolScratch, ToolsResult,
-    ToolsState, solve_tools,
+    ToolsState, solve_tools_on_threads,
 };
 
 /// Bounds of the relaxation.
@@ -340,7 +340,7 @@ fn rest_tools(
         anchors: &state.anchors,
         compliance: None,
     };
-    solve_tools(model, &settings.tools, &input, tools, &mut state.tools)
+    solve_tools_on_threads(model, &settings.tools, &input, tools, &mut state.tools)
 }
 
 /// Where a load on the bone comes from.

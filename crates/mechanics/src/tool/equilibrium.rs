@@ -44,8 +44,7 @@ pub struct SolveSettings {
     pub tolerance: f64,
     /// ... or below this \[N\].
     pub force_floor: f64,
-    /// From how many points near each tool on both are evaluated at a time, by rayon's threads; the result is the same to the last
-    /// bit. The haptic thread never hands work to others.
+    /// From how many points near each tool on [`solve_tools_on_threads`] evaluates both at a time.
     pub points_for_two_threads: usize,
 }
 
@@ -254,7 +253,8 @@ impl ToolScratch {
 /// forces balance or `settings` says enough.
 ///
 /// Never lets the energy of couplings and penalties less the work of friction rise. Anchors are read, not moved: call
-/// [`ToolScratch::commit`] when the step is over. Neither allocates, waits nor panics; bounded in work.
+/// [`ToolScratch::commit`] when the step is over. Neither allocates, waits nor panics; bounded in work. Hands no work to other
+/// threads: there is no way from here to a lock, whatever the settings.
 pub fn solve_tools(
     model: &ToolModel,
     settings: &SolveSettings,
@@ -262,7 +262,28 @@ pub fn solve_tools(
     state: &mut ToolsState,
     scratch: &mut ToolScratch,
 ) -> ToolsResult {
-    let mut solve = Solve::start(model, settings, input, state, scratch);
+    solve::<false>(model, settings, input, state, scratch)
+}
+
+/// Likewise, where it may wait: rayon's threads evaluate both tools at a time. The result is the same to the last bit.
+pub fn solve_tools_on_threads(
+    model: &ToolModel,
+    settings: &SolveSettings,
+    input: &ToolInput,
+    state: &mut ToolsState,
+    scratch: &mut ToolScratch,
+) -> ToolsResult {
+    solve::<true>(model, settings, input, state, scratch)
+}
+
+fn solve<const ON_THREADS: bool>(
+    model: &ToolModel,
+    settings: &SolveSettings,
+    input: &ToolInput,
+    state: &mut ToolsState,
+    scratch: &mut ToolScratch,
+) -> ToolsResult {
+    let mut solve = Solve::<ON_THREADS>::start(model, settings, input, state, scratch);
     let mut iterations = 0;
     let mut is_cut_short = true;
     while iterations < settings.max_iterations {
@@ -289,10 +310,10 @@ pub fn evaluate_contacts(
     state: &ToolsState,
     scratch: &mut ToolScratch,
 ) -> ToolsResult {
-    Solve::start(model, settings, input, state, scratch).result(0)
+    Solve::<false>::start(model, settings, input, state, scratch).result(0)
 }
 
-struct Solve<'a> {
+struct Solve<'a, const ON_THREADS: bool> {
     model: &'a ToolModel,
     settings: &'a SolveSettings,
     input: &'a ToolInput<'a>,
@@ -301,7 +322,7 @@ struct Solve<'a> {
     bone: Option<Carried>,
 }
 
-impl<'a> Solve<'a> {
+impl<'a, const ON_THREADS: bool> Solve<'a, ON_THREADS> {
     fn start(
         model: &'a ToolModel,
         settings: &'a SolveSettings,
@@ -536,7 +557,7 @@ impl<'a> Solve<'a> {
             ..
         } = &mut *self.scratch;
         let least = self.settings.points_for_two_threads;
-        let is_much = near.iter().all(|near| near.last().len() >= least);
+        let is_much = ON_THREADS && near.iter().all(|near| near.last().len() >= least);
         let ([near_a, near_b], [trial_a, trial_b]) = (near, trial);
         let [dropped_a, dropped_b] = n_dropped;
         let [pose_a, pose_b] = poses;

@@ -10,6 +10,6 @@ pub use chisel::{Chisel, ChiselError, ChiselParameters};
 pub use coupling::{Coupling, CouplingError, CouplingResponse};
 pub use equilibrium::{
     ScratchLimits, SolveSettings, Tool, ToolInput, ToolModel, ToolScratch, ToolsResult, ToolsState,
-    evaluate_contacts, solve_tools,
+    evaluate_contacts, solve_tools, solve_tools_on_threads,
 };
 pub use solve::{Matrix12, Vector12, bounded_step};

@@ -253,7 +253,8 @@ impl<H: HapticPart> HapticLoop<H> {
         }
     }
 
-    /// One tick: plan, read, step, write.
+    /// One tick: plan, read, step, write. A function of its own in the machine code, which `tests/no_locks.rs` reads.
+    #[inline(never)]
     pub(crate) fn tick(&mut self, crack: &CrackView) -> HapticSample {
         self.input.plan(crack, self.part.line());
         let readings = self.input.read();

@@ -226,11 +226,18 @@ pub struct Rig {
     step: u32,
     /// Whether the bone may break.
     pub breaks: bool,
-    /// Shown to the first hand, step by step \[N\], \[N mm\].
-    pub forces: Vec<f64>,
-    pub torques: Vec<f64>,
+    /// Shown to each hand, step by step \[N\], \[N mm\].
+    pub forces: [Vec<f64>; 2],
+    pub torques: [Vec<f64>; 2],
+    /// What pulls at each hand at the bone, unlimited, step by step.
+    pub pulls: [Vec<Wrench>; 2],
+    /// Steps made when the crack first grew, and when the bone came apart.
+    pub grown_at: Option<usize>,
+    pub severed_at: Option<usize>,
 }
 
+/// Width of a chisel \[mm\].
+pub const BLADE: f64 = 6.0;
 /// Newtons and newton millimetres at the device for one at the bone.
 pub const SCALES: [f64; 2] = [0.005, 0.01];
 
@@ -258,7 +265,7 @@ impl Rig {
             max_torque_rate: 10_000.0,
         };
         let chisel = Chisel::new(ChiselParameters {
-            width: 6.0,
+            width: BLADE,
             thickness: 2.0,
             bevel_deg: 8.0,
             length: 60.0,
@@ -290,8 +297,11 @@ impl Rig {
             bone,
             step: 0,
             breaks: false,
-            forces: Vec::new(),
-            torques: Vec::new(),
+            forces: Default::default(),
+            torques: Default::default(),
+            pulls: Default::default(),
+            grown_at: None,
+            severed_at: None,
         }
     }
 
@@ -308,9 +318,10 @@ impl Rig {
         assert_eq!(output.fault, None, "step {}", self.step);
         for (t, handle) in self.handles.iter_mut().enumerate() {
             handle.advance(targets[t], output.device[t]);
+            self.forces[t].push(output.device[t].force.norm());
+            self.torques[t].push(output.device[t].torque.norm());
+            self.pulls[t].push(output.bone[t]);
         }
-        self.forces.push(output.device[0].force.norm());
-        self.torques.push(output.device[0].torque.norm());
         self.step += 1;
         if self.step.is_multiple_of(20) {
             self.main_loop(devices);
@@ -334,17 +345,18 @@ impl Rig {
             if let (Some(grown), _) = grown {
                 self.main.adopt(&self.bone, &grown);
                 self.bone = grown;
+                let now = self.step as usize;
+                self.grown_at.get_or_insert(now);
+                if self.bone.is_severed() {
+                    self.severed_at.get_or_insert(now);
+                }
             }
         }
     }
 
-    pub fn is_severed(&self) -> bool {
-        self.bone.is_severed()
-    }
-
-    /// Largest deviation from the mean over the last `n` steps, force and torque.
+    /// Largest deviation from the mean over the last `n` steps, force and torque of the first hand.
     pub fn ripple(&self, n: usize) -> [f64; 2] {
-        [&self.forces, &self.torques].map(|shown| {
+        [&self.forces[0], &self.torques[0]].map(|shown| {
             let last = &shown[shown.len() - n..];
             let mean = last.iter().sum::<f64>() / n as f64;
             last.iter().fold(0.0, |m: f64, f| m.max((f - mean).abs()))
