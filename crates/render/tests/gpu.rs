@@ -213,6 +213,8 @@ fn any_triangles_of_any_kind() {
         Kind::Gap,
         Kind::Within,
         Kind::Solid,
+        Kind::KerfSeam,
+        Kind::GapSeam,
     ];
     let mut shapes = Vec::new();
     for kind in kinds.into_iter().cycle().take(60) {

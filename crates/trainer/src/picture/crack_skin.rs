@@ -11,9 +11,20 @@ use osteotome_mechanics::geometry::{NO_TET, SignedDistance, TET_EDGES, TET_FACES
 use osteotome_render::skin::{CRUMBS, Part, Skin as Drawn, Wear};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
+/// The saw's slit.
+#[derive(Clone, Debug, Default)]
+pub struct KerfSkin {
+    /// What is shown.
+    pub skin: Skin,
+    /// Triangles over the same vertices between the two sides, and where a side goes over from one fragment to another: they count but are
+    /// not shown, as they span the gap once fragments are apart.
+    pub seams: Vec<[u32; 3]>,
+}
+
 /// The sawn part of all sheets as closed volumes.
-pub fn kerf_skin(body: &CrackedBody) -> Skin {
+pub fn kerf_skin(body: &CrackedBody) -> KerfSkin {
     let mut skin = Skin::default();
+    let mut seams = Vec::new();
     for sheet in &body.crack.sheets {
         let sawn = sawn_part(sheet);
         let normals = normals(&sawn);
@@ -28,11 +39,28 @@ pub fn kerf_skin(body: &CrackedBody) -> Skin {
         for [a, b, c] in sawn.triangles.iter().map(|t| t.map(|v| v + first)) {
             skin.triangles.extend([[a, b, c], [a + n, c + n, b + n]]);
         }
-        for [p, q] in sawn.border_edges().iter().map(|e| e.map(|v| v + first)) {
-            skin.triangles.extend([[p + n, q + n, q], [p + n, q, p]]);
+        // Each half of the slit's bottom stays with its own side.
+        let mut middles = HashMap::new();
+        for edge in sawn.border_edges() {
+            let [[pa, pb], [qa, qb]] = edge.map(|v| {
+                *middles.entry(v).or_insert_with(|| {
+                    [first + v, first + v + n].map(|side| {
+                        let cell = skin.anchors[side as usize].cell;
+                        push_with(body, &mut skin, cell, &sawn.vertices[v as usize])
+                    })
+                })
+            });
+            let [p, q] = edge.map(|v| v + first);
+            let halves = [[pa, qa, q], [pa, q, p], [p + n, q + n, qb], [p + n, qb, pb]];
+            skin.triangles.extend(halves);
+            seams.extend([[pb, qb, qa], [pb, qa, pa]]);
         }
     }
-    skin
+    seams.extend(part_fragments(body, &mut skin));
+    for hole in holes(skin.triangles.iter().chain(&seams)) {
+        seams.extend(fan(&hole));
+    }
+    KerfSkin { skin, seams }
 }
 
 /// The explicit crack beyond the saw's slit: where the bone broke. A triangle that would span two fragments goes with one of them.
@@ -45,19 +73,43 @@ pub fn broken_sheets(body: &CrackedBody) -> Skin {
             push_on_side(body, &mut skin, p, n);
         }
         let broken = sheet.mesh.triangles.iter().filter(|t| !is_sawn(sheet, t));
-        for t in broken.map(|t| t.map(|v| v + first)) {
-            let cells = t.map(|v| skin.anchors[v as usize].cell);
-            let of = cells.map(|c| piece_of(body, c));
-            // With that of most corners.
-            let k = usize::from(of[0] != of[1] && of[0] != of[2]);
-            let own = [0, 1, 2].map(|i| match of[i] == of[k] {
-                true => t[i],
-                false => push_with(body, &mut skin, cells[k], t[i]),
-            });
-            skin.triangles.push(own);
+        skin.triangles.extend(broken.map(|t| t.map(|v| v + first)));
+    }
+    part_fragments(body, &mut skin);
+    skin
+}
+
+/// Has each triangle go with the fragment of most of its corners; gives what closes the mesh between those that have parted, but for holes
+/// where several meet.
+fn part_fragments(body: &CrackedBody, skin: &mut Skin) -> Vec<[u32; 3]> {
+    let mut copies: HashMap<[u32; 2], u32> = HashMap::new();
+    // Of each edge, the triangles' own corners, as they run through them.
+    let mut sides: BTreeMap<[u32; 2], Vec<[u32; 2]>> = BTreeMap::new();
+    for i in 0..skin.triangles.len() {
+        let t = skin.triangles[i];
+        let cells = t.map(|v| skin.anchors[v as usize].cell);
+        let of = cells.map(|c| piece_of(body, c));
+        // Two of three different ones are as good as any.
+        let k = usize::from(of[0] != of[1] && of[0] != of[2]);
+        let own = [0, 1, 2].map(|j| match of[j] == of[k] {
+            true => t[j],
+            false => *(copies.entry([t[j], of[k]])).or_insert_with(|| {
+                let at = Vec3::from(skin.rest[t[j] as usize].map(f64::from));
+                push_with(body, skin, cells[k], &at)
+            }),
+        });
+        skin.triangles[i] = own;
+        for [a, b] in [[0, 1], [1, 2], [2, 0]] {
+            let edge = [t[a].min(t[b]), t[a].max(t[b])];
+            sides.entry(edge).or_default().push([own[a], own[b]]);
         }
     }
-    skin
+    let parted = sides.values().filter_map(|s| match s[..] {
+        [[a, b], [c, d]] if [a, b] != [d, c] => Some([[b, a, d], [b, d, c]]),
+        _ => None,
+    });
+    let is_flat = |t: &[u32; 3]| t[0] == t[1] || t[1] == t[2] || t[2] == t[0];
+    parted.flatten().filter(|t| !is_flat(t)).collect()
 }
 
 fn is_sawn(sheet: &Sheet, t: &[u32; 3]) -> bool {
@@ -81,12 +133,11 @@ fn push_on_side(body: &CrackedBody, skin: &mut Skin, p: &Vec3, side: &Vec3) {
     skin.push(Anchor { cell, weights }, p);
 }
 
-/// Another vertex' place, as a cell moves it.
-fn push_with(body: &CrackedBody, skin: &mut Skin, cell: u32, vertex: u32) -> u32 {
-    let p = Vec3::from(skin.rest[vertex as usize].map(f64::from));
+/// A vertex at `p` that moves with a cell.
+fn push_with(body: &CrackedBody, skin: &mut Skin, cell: u32, p: &Vec3) -> u32 {
     let tet = body.topology.cells()[cell as usize].tet;
-    let weights = body.solid.mesh.barycentric(tet as usize, &p);
-    skin.push(Anchor { cell, weights }, &p)
+    let weights = body.solid.mesh.barycentric(tet as usize, p);
+    skin.push(Anchor { cell, weights }, p)
 }
 
 /// The opened crack.
@@ -96,7 +147,7 @@ pub struct GapSkin {
     pub skin: Skin,
     /// Faces within the saw's slit.
     pub sawn: Vec<[u32; 3]>,
-    /// Triangles that close the border.
+    /// Triangles that close the border: they count but are not shown, as they span the gap.
     pub walls: Vec<[u32; 3]>,
     /// For each vertex the one opposite, or itself, and the way into its own side: a unit vector, shorter where there is little bone
     /// that way.
@@ -504,9 +555,7 @@ impl Parting<'_> {
 
     /// A vertex that a cell moves.
     fn push(&mut self, cell: u32, p: &Vec3) -> u32 {
-        let tet = self.body.topology.cells()[cell as usize].tet;
-        let weights = self.body.solid.mesh.barycentric(tet as usize, p);
-        let vertex = self.out.skin.push(Anchor { cell, weights }, p);
+        let vertex = push_with(self.body, &mut self.out.skin, cell, p);
         self.out.opposite.push((vertex, Vec3::zeros()));
         vertex
     }
@@ -553,12 +602,14 @@ impl Parting<'_> {
             .iter()
             .chain(&self.out.sawn)
             .chain(&self.out.walls);
-        for hole in holes(all) {
-            for k in 1..hole.len() - 1 {
-                self.out.walls.push([hole[0], hole[k], hole[k + 1]]);
-            }
-        }
+        let filled: Vec<_> = holes(all).iter().flat_map(|hole| fan(hole)).collect();
+        self.out.walls.extend(filled);
     }
+}
+
+/// Triangles over a loop of edges.
+fn fan(hole: &[u32]) -> impl Iterator<Item = [u32; 3]> {
+    (1..hole.len() - 1).map(|k| [hole[0], hole[k], hole[k + 1]])
 }
 
 /// Loops of edges that close a mesh, each in the sense its filling must have.

@@ -1,7 +1,7 @@
 //! The drawn surfaces of a generation of the bone, and who makes them.
 use super::anchored::{Anchor, Skin, tet_at};
 use super::bone_skin::{BoneSkin, Places, Slits};
-use super::crack_skin::{GapSkin, broken_sheets, gap_skin, kerf_skin};
+use super::crack_skin::{GapSkin, KerfSkin, broken_sheets, gap_skin, kerf_skin};
 use super::look;
 use super::restore::Restored;
 use crate::engine::Prepared;
@@ -19,7 +19,7 @@ pub struct Skins {
     /// The bone's surface.
     pub bone: BoneSkin,
     /// The saw's slit.
-    pub kerf: Skin,
+    pub kerf: KerfSkin,
     /// The opened crack.
     pub gap: GapSkin,
     /// The explicit crack where the bone broke.
@@ -210,7 +210,7 @@ impl Skins {
 
     /// For the renderer.
     fn drawn(&self) -> Vec<Drawn> {
-        let (bone, gap) = (&self.bone, &self.gap);
+        let (bone, kerf, gap) = (&self.bone, &self.kerf, &self.gap);
         let smooth = |kind, material, triangles: &[[u32; 3]]| Part {
             kind,
             material,
@@ -226,12 +226,14 @@ impl Skins {
                 smooth(Kind::Bone, look::CORTICAL, &bone.skin.triangles),
                 flat(Kind::Seam, look::CORTICAL, &bone.seams),
             ]),
-            self.kerf
-                .drawn(vec![flat(Kind::Kerf, look::SAWN, &self.kerf.triangles)]),
+            kerf.skin.drawn(vec![
+                flat(Kind::Kerf, look::SAWN, &kerf.skin.triangles),
+                flat(Kind::KerfSeam, look::SAWN, &kerf.seams),
+            ]),
             gap.drawn(vec![
                 smooth(Kind::Gap, look::BROKEN, &gap.skin.triangles),
                 smooth(Kind::Gap, look::SAWN, &gap.sawn),
-                flat(Kind::Gap, look::BROKEN, &gap.walls),
+                flat(Kind::GapSeam, look::BROKEN, &gap.walls),
             ]),
             self.broken.drawn(vec![flat(
                 Kind::Within,

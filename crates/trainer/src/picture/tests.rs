@@ -2,7 +2,7 @@
 #![allow(clippy::print_stderr)] // a skipped test says so
 use super::anchored::{Skin, drawn_cells, moved_cells, piece_of};
 use super::bone_skin::{BoneSkin, Places, Slits};
-use super::crack_skin::{GapSkin, broken_sheets, gap_skin, kerf_skin};
+use super::crack_skin::{GapSkin, KerfSkin, broken_sheets, gap_skin, kerf_skin};
 use super::restore::Restored;
 use crate::engine::cut_since;
 use crate::scenario::{BSSO_RIGHT, Source, load};
@@ -78,7 +78,7 @@ fn surface(mesh: &TetMesh) -> TriMesh {
 struct Skins {
     bone: BoneSkin,
     gap: GapSkin,
-    kerf: Skin,
+    kerf: KerfSkin,
 }
 
 fn skins(body: &CrackedBody) -> Skins {
@@ -110,24 +110,29 @@ impl Skins {
             "gap",
             &[&self.gap.skin.triangles, &self.gap.sawn, &self.gap.walls],
         );
-        closed("kerf", &[&self.kerf.triangles]);
+        closed("kerf", &[&self.kerf.skin.triangles, &self.kerf.seams]);
     }
 
     /// Of all triangles that are shown, the largest change of an edge's length \[mm\].
     fn stretch(&self, moved: &[[Vec3; 4]]) -> f32 {
-        let skin = &self.bone.skin;
-        let at = skin.drawn(vec![]).positions(&single(moved));
-        let length = |p: &[[f32; 3]], a: u32, b: u32| {
-            let [p, q] = [a, b].map(|v| p[v as usize]);
-            (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f32>().sqrt()
+        let of = |skin: &Skin, triangles: &[[u32; 3]]| {
+            let at = skin.drawn(vec![]).positions(&single(moved));
+            let length = |p: &[[f32; 3]], a: u32, b: u32| {
+                let [p, q] = [a, b].map(|v| p[v as usize]);
+                (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f32>().sqrt()
+            };
+            let edges = triangles
+                .iter()
+                .flat_map(|t| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]]);
+            edges
+                .map(|[a, b]| (length(&at, a, b) - length(&skin.rest, a, b)).abs())
+                .fold(0.0, f32::max)
         };
-        let edges = skin
-            .triangles
-            .iter()
-            .flat_map(|t| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]]);
-        edges
-            .map(|[a, b]| (length(&at, a, b) - length(&skin.rest, a, b)).abs())
-            .fold(0.0, f32::max)
+        let (bone, kerf, gap) = (&self.bone.skin, &self.kerf.skin, &self.gap.skin);
+        let of_bone = of(bone, &bone.triangles);
+        let of_kerf = of(kerf, &kerf.triangles);
+        let of_gap = of(gap, &gap.triangles).max(of(gap, &self.gap.sawn));
+        of_bone.max(of_kerf).max(of_gap)
     }
 
     /// For the renderer: the bone is mesh 0.
@@ -148,12 +153,14 @@ impl Skins {
                 part(Kind::Bone, &self.bone.skin.triangles),
                 part(Kind::Seam, &self.bone.seams),
             ]),
-            self.kerf
-                .drawn(vec![part(Kind::Kerf, &self.kerf.triangles)]),
+            self.kerf.skin.drawn(vec![
+                part(Kind::Kerf, &self.kerf.skin.triangles),
+                part(Kind::KerfSeam, &self.kerf.seams),
+            ]),
             self.gap.drawn(vec![
                 part(Kind::Gap, &self.gap.skin.triangles),
                 part(Kind::Gap, &self.gap.sawn),
-                part(Kind::Gap, &self.gap.walls),
+                part(Kind::GapSeam, &self.gap.walls),
             ]),
         ]
     }
@@ -297,18 +304,23 @@ fn a_sawn_slit_is_as_wide_as_the_saw() {
 
 #[test]
 fn three_pieces_at_a_junction_come_apart_cleanly() {
-    let half = sheet([11.0, -3.0, 5.2], [16.0, 0.0, 0.8], [0.0, 18.0, 0.4], 0.0);
-    let body = cracked(vec![through(0.0), half]);
-    assert_eq!(body.fragments.count(), 3);
-    let skins = skins(&body);
-    skins.check_closed();
+    let half = |kerf| sheet([11.0, -3.0, 5.2], [16.0, 0.0, 0.8], [0.0, 18.0, 0.4], kerf);
     let ways = [
         Vec3::zeros(),
         Vec3::new(3.0, 0.0, 3.0),
         Vec3::new(3.0, 0.0, -3.0),
     ];
-    let apart = moved(&body, |piece| ways[piece as usize]);
-    assert!(skins.stretch(&apart) < 1e-4, "{}", skins.stretch(&apart));
+    // Broken, and sawn.
+    for kerf in [0.8, 0.0] {
+        let body = cracked(vec![through(kerf), half(kerf)]);
+        assert_eq!(body.fragments.count(), 3);
+        let skins = skins(&body);
+        skins.check_closed();
+        let apart = moved(&body, |piece| ways[piece as usize]);
+        let stretch = skins.stretch(&apart);
+        assert!(stretch < 1e-4, "{stretch} mm, kerf {kerf}");
+    }
+    let body = cracked(vec![through(0.0), half(0.0)]);
     // The explicit crack is shown whole, though one sheet ends beyond the other, and no triangle of it spans two pieces.
     let broken = broken_sheets(&body);
     assert_eq!(broken.triangles.len(), 4);
