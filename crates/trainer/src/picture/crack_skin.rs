@@ -16,13 +16,13 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 pub struct KerfSkin {
     /// What is shown.
     pub skin: Skin,
-    /// Triangles over the same vertices between the two sides, and where a side goes over from one fragment to another: they count but are
-    /// not shown, as they span the gap once fragments are apart.
+    /// Triangles over the same vertices between the two sides, and where a side goes over from one fragment to another, which span the gap
+    /// once fragments are apart; and what lies out of the bone. They count but are not shown.
     pub seams: Vec<[u32; 3]>,
 }
 
 /// The sawn part of all sheets as closed volumes.
-pub fn kerf_skin(body: &CrackedBody) -> KerfSkin {
+pub fn kerf_skin(body: &CrackedBody, region: &dyn SignedDistance) -> KerfSkin {
     let mut skin = Skin::default();
     let mut seams = Vec::new();
     for sheet in &body.crack.sheets {
@@ -60,19 +60,54 @@ pub fn kerf_skin(body: &CrackedBody) -> KerfSkin {
     for hole in holes(skin.triangles.iter().chain(&seams)) {
         seams.extend(fan(&hole));
     }
+    let is_out = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| Vec3::from(skin.rest[v as usize].map(f64::from)));
+        let middles = [(a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
+        [a, b, c]
+            .iter()
+            .chain(&middles)
+            .all(|p| region.signed(p) > 0.0)
+    };
+    let (out, within) = skin.triangles.iter().partition(|t| is_out(t));
+    seams.extend::<Vec<_>>(out);
+    skin.triangles = within;
     KerfSkin { skin, seams }
 }
 
-/// The explicit crack beyond the saw's slit: where the bone broke. A triangle that would span two fragments goes with one of them.
-pub fn broken_sheets(body: &CrackedBody) -> Skin {
+/// The explicit crack beyond the saw's slit: where the bone broke, but not yet into fragments. A triangle that would span two goes with one
+/// of them.
+///
+/// Where fragments have parted, mechanics has given the crack's vertices to one or the other, and their triangles would be seen in patches
+/// on both: there [`GapSkin::apart`] shows where the bone broke.
+pub fn broken_sheets(body: &CrackedBody, gap: &GapSkin) -> Skin {
     let mut skin = Skin::default();
+    let mesh = &body.solid.mesh;
+    let mut is_at_parted = vec![false; mesh.nodes().len()];
+    let of_fragments = gap
+        .pieces
+        .iter()
+        .filter(|(cells, _)| parts_fragments(body, *cells));
+    for tet in of_fragments.map(|(cells, _)| body.topology.cells()[cells[0] as usize].tet) {
+        mesh.tets()[tet as usize]
+            .iter()
+            .for_each(|n| is_at_parted[*n as usize] = true);
+    }
     for sheet in &body.crack.sheets {
         let normals = normals(&sheet.mesh);
         let first = skin.anchors.len() as u32;
         for (p, n) in sheet.mesh.vertices.iter().zip(&normals) {
             push_on_side(body, &mut skin, p, n);
         }
-        let broken = sheet.mesh.triangles.iter().filter(|t| !is_sawn(sheet, t));
+        let is_parted = |t: &[u32; 3]| {
+            let middle = t
+                .iter()
+                .map(|v| sheet.mesh.vertices[*v as usize])
+                .sum::<Vec3>()
+                / 3.0;
+            let nodes = mesh.tets()[tet_at(body, &middle).0 as usize];
+            nodes.iter().any(|n| is_at_parted[*n as usize])
+        };
+        let broken = (sheet.mesh.triangles.iter()).filter(|t| !is_sawn(sheet, t) && !is_parted(t));
         skin.triangles.extend(broken.map(|t| t.map(|v| v + first)));
     }
     part_fragments(body, &mut skin);
@@ -112,6 +147,11 @@ fn part_fragments(body: &CrackedBody, skin: &mut Skin) -> Vec<[u32; 3]> {
     parted.flatten().filter(|t| !is_flat(t)).collect()
 }
 
+/// Whether two cells are of two fragments.
+fn parts_fragments(body: &CrackedBody, [a, b]: [u32; 2]) -> bool {
+    piece_of(body, a) != piece_of(body, b)
+}
+
 fn is_sawn(sheet: &Sheet, t: &[u32; 3]) -> bool {
     t.iter().all(|v| sheet.kerf[*v as usize] > 0.0)
 }
@@ -145,6 +185,8 @@ fn push_with(body: &CrackedBody, skin: &mut Skin, cell: u32, p: &Vec3) -> u32 {
 pub struct GapSkin {
     /// Vertices, and faces where the bone broke.
     pub skin: Skin,
+    /// Those of them that have parted fragments.
+    pub apart: Vec<[u32; 3]>,
     /// Faces within the saw's slit.
     pub sawn: Vec<[u32; 3]>,
     /// Triangles that close the border: they count but are not shown, as they span the gap.
@@ -476,8 +518,13 @@ impl Parting<'_> {
             let parting = self.out.parting.entry(tet).or_default();
             parting.extend([[p, q, r], [p, r, s]]);
             let mut used: Vec<[u32; 2]> = corners.map(|c| c.vertices).to_vec();
+            let n_before = self.out.skin.triangles.len();
             for t in [[0, 1, 2], [0, 2, 3]] {
                 self.face(t.map(|k| corners[k]), cells, &mut used);
+            }
+            if parts_fragments(self.body, cells) {
+                let out = &mut self.out;
+                out.apart.extend(&out.skin.triangles[n_before..]);
             }
             used.sort_unstable();
             used.dedup();

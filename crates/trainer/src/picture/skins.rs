@@ -196,13 +196,14 @@ impl Skins {
     }
 
     fn slit(body: &CrackedBody, prepared: &Prepared, places: &Places, slits: &mut Slits) -> Self {
-        let gap = gap_skin(body, &*prepared.bone.body.region.0);
+        let region = &*prepared.bone.body.region.0;
+        let gap = gap_skin(body, region);
         let (teeth, gums) = teeth(body, prepared);
         Self {
             bone: slits.skin(body, &prepared.patient.surface, places, &gap),
-            kerf: kerf_skin(body),
+            kerf: kerf_skin(body, region),
+            broken: broken_sheets(body, &gap),
             gap,
-            broken: broken_sheets(body),
             teeth,
             gums,
         }
@@ -234,6 +235,7 @@ impl Skins {
                 smooth(Kind::Gap, look::BROKEN, &gap.skin.triangles),
                 smooth(Kind::Gap, look::SAWN, &gap.sawn),
                 flat(Kind::GapSeam, look::BROKEN, &gap.walls),
+                flat(Kind::Within, look::CRACK, &gap.apart),
             ]),
             self.broken.drawn(vec![flat(
                 Kind::Within,

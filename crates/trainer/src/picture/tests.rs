@@ -87,7 +87,7 @@ fn skins(body: &CrackedBody) -> Skins {
     let gap = gap_skin(body, &region);
     Skins {
         bone: Slits::default().skin(body, &surface, &Places::new(body, &surface), &gap),
-        kerf: kerf_skin(body),
+        kerf: kerf_skin(body, &region),
         gap,
     }
 }
@@ -320,10 +320,38 @@ fn three_pieces_at_a_junction_come_apart_cleanly() {
         let stretch = skins.stretch(&apart);
         assert!(stretch < 1e-4, "{stretch} mm, kerf {kerf}");
     }
-    let body = cracked(vec![through(0.0), half(0.0)]);
-    // The explicit crack is shown whole, though one sheet ends beyond the other, and no triangle of it spans two pieces.
-    let broken = broken_sheets(&body);
-    assert_eq!(broken.triangles.len(), 4);
+}
+
+/// In red: until a crack parts fragments, as it is; then what parted them, all of it on each.
+#[test]
+fn a_crack_is_seen_on_both_fragments() {
+    let edge = sheet([11.7, -3.0, 15.0], [0.5, 18.0, 0.0], [0.3, 0.0, -9.0], 0.0);
+    let body = cracked(vec![edge]);
+    assert_eq!(body.fragments.count(), 1);
+    let gap = skins(&body).gap;
+    assert_eq!(broken_sheets(&body, &gap).triangles.len(), 2);
+    assert!(gap.apart.is_empty());
+
+    let body = cracked(vec![through(0.0)]);
+    let gap = skins(&body).gap;
+    assert!(broken_sheets(&body, &gap).triangles.is_empty());
+    let mut areas = [0.0; 2];
+    for t in &gap.apart {
+        let of = t.map(|v| piece_of(&body, gap.skin.anchors[v as usize].cell));
+        assert!(of.iter().all(|piece| *piece == of[0]), "{of:?}");
+        let [a, b, c] = t.map(|v| Vec3::from(gap.skin.rest[v as usize].map(f64::from)));
+        areas[of[0] as usize] += 0.5 * (b - a).cross(&(c - a)).norm();
+    }
+    // It is led out of the block on all sides.
+    assert!(areas[0] > SIZE.y * SIZE.z, "{areas:?}");
+    assert!((areas[0] - areas[1]).abs() < 1e-3 * areas[0], "{areas:?}");
+
+    // No triangle of what has not parted spans two pieces, though one sheet ends beyond the other.
+    let half = sheet([11.0, -3.0, 5.2], [9.0, 0.0, 0.8], [0.0, 18.0, 0.4], 0.0);
+    let body = cracked(vec![through(0.0), half]);
+    assert_eq!(body.fragments.count(), 2);
+    let broken = broken_sheets(&body, &skins(&body).gap);
+    assert!(!broken.triangles.is_empty());
     for t in &broken.triangles {
         let of = t.map(|v| piece_of(&body, broken.anchors[v as usize].cell));
         assert!(of.iter().all(|piece| *piece == of[0]), "{of:?}");
