@@ -74,44 +74,43 @@ pub fn kerf_skin(body: &CrackedBody, region: &dyn SignedDistance) -> KerfSkin {
     KerfSkin { skin, seams }
 }
 
-/// The explicit crack beyond the saw's slit: where the bone broke, but not yet into fragments. A triangle that would span two goes with one
-/// of them.
-///
-/// Where fragments have parted, mechanics has given the crack's vertices to one or the other, and their triangles would be seen in patches
-/// on both: there [`GapSkin::apart`] shows where the bone broke.
-pub fn broken_sheets(body: &CrackedBody, gap: &GapSkin) -> Skin {
+/// The explicit crack beyond the saw's slit: where the bone broke. A triangle that would span two fragments goes with one of them.
+pub fn broken_sheets(body: &CrackedBody) -> Skin {
     let mut skin = Skin::default();
-    let mesh = &body.solid.mesh;
-    let mut is_at_parted = vec![false; mesh.nodes().len()];
-    let of_fragments = gap
-        .pieces
-        .iter()
-        .filter(|(cells, _)| parts_fragments(body, *cells));
-    for tet in of_fragments.map(|(cells, _)| body.topology.cells()[cells[0] as usize].tet) {
-        mesh.tets()[tet as usize]
-            .iter()
-            .for_each(|n| is_at_parted[*n as usize] = true);
-    }
     for sheet in &body.crack.sheets {
         let normals = normals(&sheet.mesh);
         let first = skin.anchors.len() as u32;
         for (p, n) in sheet.mesh.vertices.iter().zip(&normals) {
             push_on_side(body, &mut skin, p, n);
         }
-        let is_parted = |t: &[u32; 3]| {
-            let middle = t
-                .iter()
-                .map(|v| sheet.mesh.vertices[*v as usize])
-                .sum::<Vec3>()
-                / 3.0;
-            let nodes = mesh.tets()[tet_at(body, &middle).0 as usize];
-            nodes.iter().any(|n| is_at_parted[*n as usize])
-        };
-        let broken = (sheet.mesh.triangles.iter()).filter(|t| !is_sawn(sheet, t) && !is_parted(t));
+        let broken = sheet.mesh.triangles.iter().filter(|t| !is_sawn(sheet, t));
         skin.triangles.extend(broken.map(|t| t.map(|v| v + first)));
     }
     part_fragments(body, &mut skin);
     skin
+}
+
+/// Those triangles of the explicit crack that have not parted fragments.
+///
+/// Where fragments have parted, mechanics has given the crack's vertices to one or the other, and their triangles would be seen in patches
+/// on both: there [`GapSkin::apart`] shows where the bone broke.
+pub fn unparted(body: &CrackedBody, broken: &Skin, gap: &GapSkin) -> Vec<[u32; 3]> {
+    let mesh = &body.solid.mesh;
+    let mut is_at_parted = vec![false; mesh.nodes().len()];
+    let of_fragments = gap.pieces.iter().map(|(cells, _)| *cells);
+    for [cell, _] in of_fragments.filter(|cells| parts_fragments(body, *cells)) {
+        let tet = body.topology.cells()[cell as usize].tet;
+        let nodes = mesh.tets()[tet as usize];
+        nodes.iter().for_each(|n| is_at_parted[*n as usize] = true);
+    }
+    let is_parted = |t: &[u32; 3]| {
+        let at = t.map(|v| Vec3::from(broken.rest[v as usize].map(f64::from)));
+        let (tet, _) = tet_at(body, &(at.iter().sum::<Vec3>() / 3.0));
+        let nodes = mesh.tets()[tet as usize];
+        nodes.iter().any(|n| is_at_parted[*n as usize])
+    };
+    let all = broken.triangles.iter();
+    all.filter(|t| !is_parted(t)).copied().collect()
 }
 
 /// Has each triangle go with the fragment of most of its corners; gives what closes the mesh between those that have parted, but for holes

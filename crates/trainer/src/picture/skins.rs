@@ -1,7 +1,7 @@
 //! The drawn surfaces of a generation of the bone, and who makes them.
 use super::anchored::{Anchor, Skin, tet_at};
 use super::bone_skin::{BoneSkin, Places, Slits};
-use super::crack_skin::{GapSkin, KerfSkin, broken_sheets, gap_skin, kerf_skin};
+use super::crack_skin::{GapSkin, KerfSkin, broken_sheets, gap_skin, kerf_skin, unparted};
 use super::look;
 use super::restore::Restored;
 use crate::engine::Prepared;
@@ -24,6 +24,8 @@ pub struct Skins {
     pub gap: GapSkin,
     /// The explicit crack where the bone broke.
     pub broken: Skin,
+    /// What of it has not parted fragments.
+    unparted: Vec<[u32; 3]>,
     /// Crowns.
     pub teeth: Skin,
     /// Gums about their necks, over the same vertices.
@@ -198,11 +200,13 @@ impl Skins {
     fn slit(body: &CrackedBody, prepared: &Prepared, places: &Places, slits: &mut Slits) -> Self {
         let region = &*prepared.bone.body.region.0;
         let gap = gap_skin(body, region);
+        let broken = broken_sheets(body);
         let (teeth, gums) = teeth(body, prepared);
         Self {
             bone: slits.skin(body, &prepared.patient.surface, places, &gap),
             kerf: kerf_skin(body, region),
-            broken: broken_sheets(body, &gap),
+            unparted: unparted(body, &broken, &gap),
+            broken,
             gap,
             teeth,
             gums,
@@ -237,11 +241,8 @@ impl Skins {
                 flat(Kind::GapSeam, look::BROKEN, &gap.walls),
                 flat(Kind::Within, look::CRACK, &gap.apart),
             ]),
-            self.broken.drawn(vec![flat(
-                Kind::Within,
-                look::CRACK,
-                &self.broken.triangles,
-            )]),
+            self.broken
+                .drawn(vec![flat(Kind::Within, look::CRACK, &self.unparted)]),
             self.teeth.drawn(vec![
                 smooth(Kind::Solid, look::TOOTH, &self.teeth.triangles),
                 smooth(Kind::Solid, look::MUCOSA, &self.gums),
