@@ -27,8 +27,8 @@ impl Counts {
     fn of(&mut self, kind: Kind) -> Option<&mut i32> {
         match kind {
             Kind::Bone | Kind::Seam => Some(&mut self.bone),
-            Kind::Kerf => Some(&mut self.kerf),
-            Kind::Gap => Some(&mut self.gap),
+            Kind::Kerf | Kind::KerfSeam => Some(&mut self.kerf),
+            Kind::Gap | Kind::GapSeam => Some(&mut self.gap),
             Kind::Within | Kind::Solid => None,
         }
     }
@@ -63,7 +63,7 @@ pub fn walk<E>(events: &[E], as_event: impl Fn(&E) -> Event, mut visit: impl FnM
         }
         let is_visible = match e.kind {
             Kind::Solid => true,
-            Kind::Seam => false,
+            Kind::Seam | Kind::KerfSeam | Kind::GapSeam => false,
             Kind::Within => counts.bone > 0,
             Kind::Bone => !counts.is_cut() && (before.bone > 0) != (counts.bone > 0),
             Kind::Kerf => counts.bone > 0 && before.is_cut() != counts.is_cut(),
@@ -115,7 +115,7 @@ mod tests {
         found
     }
 
-    use Kind::{Bone, Gap, Kerf, Seam, Solid, Within};
+    use Kind::{Bone, Gap, GapSeam, Kerf, KerfSeam, Seam, Solid, Within};
 
     #[test]
     fn a_slit_shows_its_far_wall_only() {
@@ -171,5 +171,25 @@ mod tests {
             (4.0, Solid, true),
         ];
         assert_eq!(seen(&list), [2, 3, 4]);
+    }
+
+    #[test]
+    fn what_a_kerf_or_gap_leaves_between_seams_is_not_shown() {
+        // Between two seams of the bone, beside a gap and before a kerf that do not reach to them.
+        let list = [
+            (1.0, Seam, true),
+            (2.0, GapSeam, true),
+            (3.0, GapSeam, false),
+            (4.0, KerfSeam, true),
+            (5.0, KerfSeam, false),
+            (6.0, Seam, false),
+            (7.0, Bone, true),
+            (8.0, GapSeam, true),
+            (9.0, Kerf, true),
+            (9.5, GapSeam, false),
+            (9.6, Kerf, false),
+            (10.0, Bone, false),
+        ];
+        assert_eq!(seen(&list), [6, 10, 11]);
     }
 }

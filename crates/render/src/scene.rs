@@ -18,6 +18,10 @@ pub enum Kind {
     Within,
     /// Shown as it is: tools, teeth, context, helper geometry.
     Solid,
+    /// Part of the kerf's closed surface that only counts and is never shown: what spans two fragments.
+    KerfSeam,
+    /// The same of the gap's.
+    GapSeam,
 }
 
 /// Pattern of a surface, in rest positions.

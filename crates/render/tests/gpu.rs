@@ -215,7 +215,7 @@ fn any_triangles_of_any_kind() {
         Kind::Solid,
     ];
     let mut shapes = Vec::new();
-    for kind in kinds.into_iter().cycle().take(60) {
+    for (i, kind) in kinds.into_iter().cycle().take(60).enumerate() {
         let (mut positions, mut triangles) = (Vec::new(), Vec::new());
         for _ in 0..5 {
             let corners = [(); 3].map(|()| numbers.point());
@@ -229,6 +229,11 @@ fn any_triangles_of_any_kind() {
                 triangles.push([first + 3, first + 5, first + 4]);
             }
         }
+        let kind = match kind {
+            Kind::Kerf if i % 4 == 0 => Kind::KerfSeam,
+            Kind::Gap if i % 4 == 1 => Kind::GapSeam,
+            shown => shown,
+        };
         shapes.push((kind, positions, triangles));
     }
     let meshes = shapes.iter().map(|(kind, positions, triangles)| Mesh {

@@ -341,7 +341,7 @@ impl Gpu {
             (5, b.nodes.get()),
             (6, b.counters.get()),
         ];
-        let cuts = |kind| matches!(kind, Kind::Seam | Kind::Kerf | Kind::Gap);
+        let cuts = |kind| !matches!(kind, Kind::Bone | Kind::Within | Kind::Solid);
         // What lies within the bone is for transparent bones only.
         let is_shown = |kind| kind != Kind::Within || job.options.is_transparent;
         let bound = |layout: wgpu::BindGroupLayout, of: &[(u32, &wgpu::Buffer)]| {

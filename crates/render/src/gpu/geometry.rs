@@ -287,6 +287,8 @@ fn kind(kind: Kind) -> u32 {
         Kind::Gap => 3,
         Kind::Within => 4,
         Kind::Solid => 5,
+        Kind::KerfSeam => 6,
+        Kind::GapSeam => 7,
     }
 }
 

@@ -200,7 +200,10 @@ impl Nodes {
             .flat_map(|a| self.of(course, a.cell))
             .collect();
         let fragment = |a: &Anchor| f64::from(piece_of(course.body(), a.cell));
-        let born = used.iter().filter_map(|v| born.get(*v as usize)).copied();
+        // What was added where fragments parted came last.
+        let last = born.iter().copied().fold(0.0, f64::max);
+        let of_used = used.iter().filter(|_| !born.is_empty());
+        let born = of_used.map(|v| born.get(*v as usize).copied().unwrap_or(last));
         Part {
             kind,
             rest: floats(rest),

@@ -11,9 +11,20 @@ use osteotome_mechanics::geometry::{NO_TET, SignedDistance, TET_EDGES, TET_FACES
 use osteotome_render::skin::{CRUMBS, Part, Skin as Drawn, Wear};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
+/// The saw's slit.
+#[derive(Clone, Debug, Default)]
+pub struct KerfSkin {
+    /// What is shown.
+    pub skin: Skin,
+    /// Triangles over the same vertices between the two sides, and where a side goes over from one fragment to another, which span the gap
+    /// once fragments are apart; and what lies out of the bone. They count but are not shown.
+    pub seams: Vec<[u32; 3]>,
+}
+
 /// The sawn part of all sheets as closed volumes.
-pub fn kerf_skin(body: &CrackedBody) -> Skin {
+pub fn kerf_skin(body: &CrackedBody, region: &dyn SignedDistance) -> KerfSkin {
     let mut skin = Skin::default();
+    let mut seams = Vec::new();
     for sheet in &body.crack.sheets {
         let sawn = sawn_part(sheet);
         let normals = normals(&sawn);
@@ -28,11 +39,39 @@ pub fn kerf_skin(body: &CrackedBody) -> Skin {
         for [a, b, c] in sawn.triangles.iter().map(|t| t.map(|v| v + first)) {
             skin.triangles.extend([[a, b, c], [a + n, c + n, b + n]]);
         }
-        for [p, q] in sawn.border_edges().iter().map(|e| e.map(|v| v + first)) {
-            skin.triangles.extend([[p + n, q + n, q], [p + n, q, p]]);
+        // Each half of the slit's bottom stays with its own side.
+        let mut middles = HashMap::new();
+        for edge in sawn.border_edges() {
+            let [[pa, pb], [qa, qb]] = edge.map(|v| {
+                *middles.entry(v).or_insert_with(|| {
+                    [first + v, first + v + n].map(|side| {
+                        let cell = skin.anchors[side as usize].cell;
+                        push_with(body, &mut skin, cell, &sawn.vertices[v as usize])
+                    })
+                })
+            });
+            let [p, q] = edge.map(|v| v + first);
+            let halves = [[pa, qa, q], [pa, q, p], [p + n, q + n, qb], [p + n, qb, pb]];
+            skin.triangles.extend(halves);
+            seams.extend([[pb, qb, qa], [pb, qa, pa]]);
         }
     }
-    skin
+    seams.extend(part_fragments(body, &mut skin));
+    for hole in holes(skin.triangles.iter().chain(&seams)) {
+        seams.extend(fan(&hole));
+    }
+    let is_out = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| Vec3::from(skin.rest[v as usize].map(f64::from)));
+        let middles = [(a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
+        [a, b, c]
+            .iter()
+            .chain(&middles)
+            .all(|p| region.signed(p) > 0.0)
+    };
+    let (out, within) = skin.triangles.iter().partition(|t| is_out(t));
+    seams.extend::<Vec<_>>(out);
+    skin.triangles = within;
+    KerfSkin { skin, seams }
 }
 
 /// The explicit crack beyond the saw's slit: where the bone broke. A triangle that would span two fragments goes with one of them.
@@ -45,19 +84,71 @@ pub fn broken_sheets(body: &CrackedBody) -> Skin {
             push_on_side(body, &mut skin, p, n);
         }
         let broken = sheet.mesh.triangles.iter().filter(|t| !is_sawn(sheet, t));
-        for t in broken.map(|t| t.map(|v| v + first)) {
-            let cells = t.map(|v| skin.anchors[v as usize].cell);
-            let of = cells.map(|c| piece_of(body, c));
-            // With that of most corners.
-            let k = usize::from(of[0] != of[1] && of[0] != of[2]);
-            let own = [0, 1, 2].map(|i| match of[i] == of[k] {
-                true => t[i],
-                false => push_with(body, &mut skin, cells[k], t[i]),
-            });
-            skin.triangles.push(own);
+        skin.triangles.extend(broken.map(|t| t.map(|v| v + first)));
+    }
+    part_fragments(body, &mut skin);
+    skin
+}
+
+/// Those triangles of the explicit crack that have not parted fragments.
+///
+/// Where fragments have parted, mechanics has given the crack's vertices to one or the other, and their triangles would be seen in patches
+/// on both: there [`GapSkin::apart`] shows where the bone broke.
+pub fn unparted(body: &CrackedBody, broken: &Skin, gap: &GapSkin) -> Vec<[u32; 3]> {
+    let mesh = &body.solid.mesh;
+    let mut is_at_parted = vec![false; mesh.nodes().len()];
+    let of_fragments = gap.pieces.iter().map(|(cells, _)| *cells);
+    for [cell, _] in of_fragments.filter(|cells| parts_fragments(body, *cells)) {
+        let tet = body.topology.cells()[cell as usize].tet;
+        let nodes = mesh.tets()[tet as usize];
+        nodes.iter().for_each(|n| is_at_parted[*n as usize] = true);
+    }
+    let is_parted = |t: &[u32; 3]| {
+        let at = t.map(|v| Vec3::from(broken.rest[v as usize].map(f64::from)));
+        let (tet, _) = tet_at(body, &(at.iter().sum::<Vec3>() / 3.0));
+        let nodes = mesh.tets()[tet as usize];
+        nodes.iter().any(|n| is_at_parted[*n as usize])
+    };
+    let all = broken.triangles.iter();
+    all.filter(|t| !is_parted(t)).copied().collect()
+}
+
+/// Has each triangle go with the fragment of most of its corners; gives what closes the mesh between those that have parted, but for holes
+/// where several meet.
+fn part_fragments(body: &CrackedBody, skin: &mut Skin) -> Vec<[u32; 3]> {
+    let mut copies: HashMap<[u32; 2], u32> = HashMap::new();
+    // Of each edge, the triangles' own corners, as they run through them.
+    let mut sides: BTreeMap<[u32; 2], Vec<[u32; 2]>> = BTreeMap::new();
+    for i in 0..skin.triangles.len() {
+        let t = skin.triangles[i];
+        let cells = t.map(|v| skin.anchors[v as usize].cell);
+        let of = cells.map(|c| piece_of(body, c));
+        // Two of three different ones are as good as any.
+        let k = usize::from(of[0] != of[1] && of[0] != of[2]);
+        let own = [0, 1, 2].map(|j| match of[j] == of[k] {
+            true => t[j],
+            false => *(copies.entry([t[j], of[k]])).or_insert_with(|| {
+                let at = Vec3::from(skin.rest[t[j] as usize].map(f64::from));
+                push_with(body, skin, cells[k], &at)
+            }),
+        });
+        skin.triangles[i] = own;
+        for [a, b] in [[0, 1], [1, 2], [2, 0]] {
+            let edge = [t[a].min(t[b]), t[a].max(t[b])];
+            sides.entry(edge).or_default().push([own[a], own[b]]);
         }
     }
-    skin
+    let parted = sides.values().filter_map(|s| match s[..] {
+        [[a, b], [c, d]] if [a, b] != [d, c] => Some([[b, a, d], [b, d, c]]),
+        _ => None,
+    });
+    let is_flat = |t: &[u32; 3]| t[0] == t[1] || t[1] == t[2] || t[2] == t[0];
+    parted.flatten().filter(|t| !is_flat(t)).collect()
+}
+
+/// Whether two cells are of two fragments.
+fn parts_fragments(body: &CrackedBody, [a, b]: [u32; 2]) -> bool {
+    piece_of(body, a) != piece_of(body, b)
 }
 
 fn is_sawn(sheet: &Sheet, t: &[u32; 3]) -> bool {
@@ -81,12 +172,11 @@ fn push_on_side(body: &CrackedBody, skin: &mut Skin, p: &Vec3, side: &Vec3) {
     skin.push(Anchor { cell, weights }, p);
 }
 
-/// Another vertex' place, as a cell moves it.
-fn push_with(body: &CrackedBody, skin: &mut Skin, cell: u32, vertex: u32) -> u32 {
-    let p = Vec3::from(skin.rest[vertex as usize].map(f64::from));
+/// A vertex at `p` that moves with a cell.
+fn push_with(body: &CrackedBody, skin: &mut Skin, cell: u32, p: &Vec3) -> u32 {
     let tet = body.topology.cells()[cell as usize].tet;
-    let weights = body.solid.mesh.barycentric(tet as usize, &p);
-    skin.push(Anchor { cell, weights }, &p)
+    let weights = body.solid.mesh.barycentric(tet as usize, p);
+    skin.push(Anchor { cell, weights }, p)
 }
 
 /// The opened crack.
@@ -94,9 +184,11 @@ fn push_with(body: &CrackedBody, skin: &mut Skin, cell: u32, vertex: u32) -> u32
 pub struct GapSkin {
     /// Vertices, and faces where the bone broke.
     pub skin: Skin,
+    /// Those of them that have parted fragments.
+    pub apart: Vec<[u32; 3]>,
     /// Faces within the saw's slit.
     pub sawn: Vec<[u32; 3]>,
-    /// Triangles that close the border.
+    /// Triangles that close the border: they count but are not shown, as they span the gap.
     pub walls: Vec<[u32; 3]>,
     /// For each vertex the one opposite, or itself, and the way into its own side: a unit vector, shorter where there is little bone
     /// that way.
@@ -425,8 +517,13 @@ impl Parting<'_> {
             let parting = self.out.parting.entry(tet).or_default();
             parting.extend([[p, q, r], [p, r, s]]);
             let mut used: Vec<[u32; 2]> = corners.map(|c| c.vertices).to_vec();
+            let n_before = self.out.skin.triangles.len();
             for t in [[0, 1, 2], [0, 2, 3]] {
                 self.face(t.map(|k| corners[k]), cells, &mut used);
+            }
+            if parts_fragments(self.body, cells) {
+                let out = &mut self.out;
+                out.apart.extend(&out.skin.triangles[n_before..]);
             }
             used.sort_unstable();
             used.dedup();
@@ -504,9 +601,7 @@ impl Parting<'_> {
 
     /// A vertex that a cell moves.
     fn push(&mut self, cell: u32, p: &Vec3) -> u32 {
-        let tet = self.body.topology.cells()[cell as usize].tet;
-        let weights = self.body.solid.mesh.barycentric(tet as usize, p);
-        let vertex = self.out.skin.push(Anchor { cell, weights }, p);
+        let vertex = push_with(self.body, &mut self.out.skin, cell, p);
         self.out.opposite.push((vertex, Vec3::zeros()));
         vertex
     }
@@ -553,12 +648,14 @@ impl Parting<'_> {
             .iter()
             .chain(&self.out.sawn)
             .chain(&self.out.walls);
-        for hole in holes(all) {
-            for k in 1..hole.len() - 1 {
-                self.out.walls.push([hole[0], hole[k], hole[k + 1]]);
-            }
-        }
+        let filled: Vec<_> = holes(all).iter().flat_map(|hole| fan(hole)).collect();
+        self.out.walls.extend(filled);
     }
+}
+
+/// Triangles over a loop of edges.
+fn fan(hole: &[u32]) -> impl Iterator<Item = [u32; 3]> {
+    (1..hole.len() - 1).map(|k| [hole[0], hole[k], hole[k + 1]])
 }
 
 /// Loops of edges that close a mesh, each in the sense its filling must have.

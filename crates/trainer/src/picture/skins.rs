@@ -1,7 +1,7 @@
 //! The drawn surfaces of a generation of the bone, and who makes them.
 use super::anchored::{Anchor, Skin, tet_at};
 use super::bone_skin::{BoneSkin, Places, Slits};
-use super::crack_skin::{GapSkin, broken_sheets, gap_skin, kerf_skin};
+use super::crack_skin::{GapSkin, KerfSkin, broken_sheets, gap_skin, kerf_skin, unparted};
 use super::look;
 use super::restore::Restored;
 use crate::engine::Prepared;
@@ -19,11 +19,13 @@ pub struct Skins {
     /// The bone's surface.
     pub bone: BoneSkin,
     /// The saw's slit.
-    pub kerf: Skin,
+    pub kerf: KerfSkin,
     /// The opened crack.
     pub gap: GapSkin,
     /// The explicit crack where the bone broke.
     pub broken: Skin,
+    /// What of it has not parted fragments.
+    unparted: Vec<[u32; 3]>,
     /// Crowns.
     pub teeth: Skin,
     /// Gums about their necks, over the same vertices.
@@ -196,13 +198,16 @@ impl Skins {
     }
 
     fn slit(body: &CrackedBody, prepared: &Prepared, places: &Places, slits: &mut Slits) -> Self {
-        let gap = gap_skin(body, &*prepared.bone.body.region.0);
+        let region = &*prepared.bone.body.region.0;
+        let gap = gap_skin(body, region);
+        let broken = broken_sheets(body);
         let (teeth, gums) = teeth(body, prepared);
         Self {
             bone: slits.skin(body, &prepared.patient.surface, places, &gap),
-            kerf: kerf_skin(body),
+            kerf: kerf_skin(body, region),
+            unparted: unparted(body, &broken, &gap),
+            broken,
             gap,
-            broken: broken_sheets(body),
             teeth,
             gums,
         }
@@ -210,7 +215,7 @@ impl Skins {
 
     /// For the renderer.
     fn drawn(&self) -> Vec<Drawn> {
-        let (bone, gap) = (&self.bone, &self.gap);
+        let (bone, kerf, gap) = (&self.bone, &self.kerf, &self.gap);
         let smooth = |kind, material, triangles: &[[u32; 3]]| Part {
             kind,
             material,
@@ -226,18 +231,18 @@ impl Skins {
                 smooth(Kind::Bone, look::CORTICAL, &bone.skin.triangles),
                 flat(Kind::Seam, look::CORTICAL, &bone.seams),
             ]),
-            self.kerf
-                .drawn(vec![flat(Kind::Kerf, look::SAWN, &self.kerf.triangles)]),
+            kerf.skin.drawn(vec![
+                flat(Kind::Kerf, look::SAWN, &kerf.skin.triangles),
+                flat(Kind::KerfSeam, look::SAWN, &kerf.seams),
+            ]),
             gap.drawn(vec![
                 smooth(Kind::Gap, look::BROKEN, &gap.skin.triangles),
                 smooth(Kind::Gap, look::SAWN, &gap.sawn),
-                flat(Kind::Gap, look::BROKEN, &gap.walls),
+                flat(Kind::GapSeam, look::BROKEN, &gap.walls),
+                flat(Kind::Within, look::CRACK, &gap.apart),
             ]),
-            self.broken.drawn(vec![flat(
-                Kind::Within,
-                look::CRACK,
-                &self.broken.triangles,
-            )]),
+            self.broken
+                .drawn(vec![flat(Kind::Within, look::CRACK, &self.unparted)]),
             self.teeth.drawn(vec![
                 smooth(Kind::Solid, look::TOOTH, &self.teeth.triangles),
                 smooth(Kind::Solid, look::MUCOSA, &self.gums),

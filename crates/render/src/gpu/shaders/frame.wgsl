@@ -52,6 +52,8 @@ const KERF: u32 = 2u;
 const GAP: u32 = 3u;
 const WITHIN: u32 = 4u;
 const SOLID: u32 = 5u;
+const KERF_SEAM: u32 = 6u;
+const GAP_SEAM: u32 = 7u;
 
 // A fragment's second word: kind, facing, triangle.
 const KIND_AT: u32 = 29u;

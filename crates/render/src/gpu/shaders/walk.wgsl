@@ -36,7 +36,7 @@ fn behind(head: u32, last: vec2<u32>, of_gap: bool) -> vec2<u32> {
 // Bone, kerf and gap: how often the ray is inside of each once it has gone through.
 fn passed(counts: vec3<i32>, kind: u32, is_in: bool) -> vec3<i32> {
     let step = select(-1, 1, is_in);
-    let counted = vec3<bool>(kind <= SEAM, kind == KERF, kind == GAP);
+    let counted = vec3<bool>(kind <= SEAM, kind == KERF || kind == KERF_SEAM, kind == GAP || kind == GAP_SEAM);
     return counts + select(vec3<i32>(0), vec3<i32>(step), counted);
 }
 
