@@ -6,8 +6,8 @@ use crate::surgeon::{BuiltInSurgeon, CrackView, Sight, SplitLine};
 use anyhow::{Result, bail};
 use nalgebra::UnitQuaternion;
 use osteotome_devices::{
-    Binding, DeviceFault, HandParameters, HapticDevice, LinkedDevice, OperatedDevice, Reading,
-    RecordedHand, SimulatedHand, Wrench,
+    Binding, DeviceFault, HapticDevice, LinkedDevice, OperatedDevice, Reading, RecordedHand,
+    SimulatedHand, Wrench,
 };
 use osteotome_mechanics::geometry::{Pose, Vec3};
 
@@ -33,8 +33,8 @@ pub struct Resumed {
     left: u64,
     /// Whether the surgeon's own hand has been where the recorded one was, all along.
     is_own: [bool; 2],
-    remakes: [HandParameters; 2],
-    dt: f64,
+    /// At rest where the recording ends, for hands that are elsewhere by then: made before the first step, as none may be in one.
+    stand_ins: [Hand; 2],
 }
 
 /// The surgeon, both hands, and what they felt last.
@@ -274,13 +274,23 @@ impl Input {
         let recorded = recorded_hands(scenario, until)?;
         let at = [0, 1].map(|i| until[i][n - 1].device_pose);
         let live = Live::new(scenario, line, leaders, Some(at))?;
+        let dt = scenario.loops.dt();
+        let stand_in = |i: usize| -> Result<Hand> {
+            let parameters = scenario.tool[i].hand_parameters();
+            Ok(Hand::Guided(Guided {
+                hand: SimulatedHand::new(parameters, at[i], dt)?,
+                told: Told::Surgeon(at[i]),
+                target: at[i],
+                dt,
+                ramp: 0.0,
+            }))
+        };
         Ok(Self::Resumed(Box::new(Resumed {
             recorded,
             live,
             left: n as u64,
             is_own: [true; 2],
-            remakes: [0, 1].map(|i| scenario.tool[i].hand_parameters()),
-            dt: scenario.loops.dt(),
+            stand_ins: [stand_in(0)?, stand_in(1)?],
         })))
     }
 
@@ -445,19 +455,10 @@ impl Resumed {
     }
 
     fn take_over(&mut self) {
-        for (i, hand) in self.live.hands.iter_mut().enumerate() {
-            let at = self.recorded[i].pose();
-            let parameters = self.remakes[i].clone();
-            let is_elsewhere = matches!(hand, Hand::Simulated(_)) && !self.is_own[i];
-            // The parameters were good for the hand that it replaces.
-            if is_elsewhere && let Ok(remade) = SimulatedHand::new(parameters, at, self.dt) {
-                *hand = Hand::Guided(Guided {
-                    hand: remade,
-                    told: Told::Surgeon(at),
-                    target: at,
-                    dt: self.dt,
-                    ramp: 0.0,
-                });
+        let hands = self.live.hands.iter_mut().zip(&mut self.stand_ins);
+        for ((hand, stand_in), is_own) in hands.zip(self.is_own) {
+            if matches!(hand, Hand::Simulated(_)) && !is_own {
+                std::mem::swap(hand, stand_in);
             }
         }
     }

@@ -295,10 +295,12 @@ impl Body {
 mod tests {
     use super::super::balance::Balance;
     use super::super::crack_faces::FaceContact;
+    use super::super::search;
     use super::*;
     use crate::bone::{Supports, TetMaterial};
     use crate::contact::boundary_points;
     use crate::crack::growth::GrowthLengths;
+    use crate::crack::load_control::FrontDrives;
     use crate::crack::{LinePoint, Sheet};
     use crate::geometry::{Aabb, TetLocator, block_mesh};
 
@@ -445,6 +447,39 @@ mod tests {
             "{ratio} of {}",
             free.ratio
         );
+    }
+
+    /// Where K has the direction wrong by 70 degrees, the balance finds the way ahead by itself, and none where nothing pays.
+    #[test]
+    fn the_balance_finds_the_way_that_k_has_wrong() {
+        let bone = sawn_block();
+        let lengths = &bone.body.lengths;
+        let found = |force: f64| {
+            let pushed = |i: usize| bone.faces.push_apart(i, force);
+            let loads: Vec<CellForce> = (0..bone.faces.len()).flat_map(pushed).collect();
+            let state = bone.under_loads(&loads, &mut FaceContact::default());
+            let fronts = bone.evaluate_fronts(&state.x, &state.loads, 0.0);
+            let mut drives = FrontDrives::new(&fronts, lengths);
+            let front = fronts[0].front.clone();
+            let ahead = drives.moves(&fronts, lengths, 0.0).swap_remove(0);
+            drives.smooth[0].iter_mut().for_each(|d| d.kink += 1.2);
+            let astray = drives.moves(&fronts, lengths, 0.0).swap_remove(0);
+            let balance = Balance::new(&bone.cracked, &state);
+            let [right, wrong] = [ahead, astray].map(|moves| {
+                let growth = bone.advanced(&[(&front, &moves)]);
+                balance.weigh(growth).unwrap().map_or(0.0, |t| t.gain)
+            });
+            let best = search::best(&balance, &fronts, &drives, lengths).unwrap();
+            (best.map(|t| (t.gain, t.ratio)), right, wrong)
+        };
+        let (best, right, wrong) = found(3.0);
+        let (gain, ratio) = best.unwrap();
+        assert!(
+            gain >= right && right > 0.0 && ratio >= 1.0,
+            "{gain}, {ratio}, {right}"
+        );
+        assert!(wrong < 0.5 * gain, "{wrong} of {gain}");
+        assert_eq!(found(0.03).0, None);
     }
 
     /// What holds the ends together is sought near the crack: here few edges hang on either end, a corner, far from it.
