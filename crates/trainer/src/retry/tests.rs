@@ -124,9 +124,10 @@ fn a_session_gone_on_from_with_its_own_hands_is_the_session_that_it_was() {
             assert!(told.ends_with("recomputed to the last bit"), "{told}");
         }
     }
+    let lasts = format!("lasts {:.3}", n as f64 * 1e-3);
     for (at, word) in [
         (0.0, "no moment at 0"),
-        (9.5, "lasts 1.6"),
+        (9.5, lasts.as_str()),
         (f64::NAN, "no moment"),
     ] {
         let told = stage.moment(at).err().map(|e| format!("{e:#}")).unwrap();
