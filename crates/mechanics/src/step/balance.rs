@@ -16,6 +16,7 @@ pub(super) struct Balance<'a> {
     body: &'a CrackedBody,
     state: &'a BoneState,
     best: Cell<f64>,
+    dearest: Cell<f64>,
 }
 
 /// A growth that was tried.
@@ -38,12 +39,18 @@ impl<'a> Balance<'a> {
             body,
             state,
             best: Cell::new(0.0),
+            dearest: Cell::new(LEAST_COST),
         }
     }
 
     /// Of all growths weighed under which nothing crumbles off, the largest ratio of energy released to energy needed.
     pub fn best(&self) -> f64 {
         self.best.get()
+    }
+
+    /// For how many of the growths weighed, the dearest of them, the elastic energy of the body would pay.
+    pub fn reserve(&self) -> f64 {
+        self.state.strain_energy / self.dearest.get()
     }
 
     /// Tries a growth; none if it cuts nothing.
@@ -58,6 +65,7 @@ impl<'a> Balance<'a> {
         let crumbles = carried.iter().any(|l| body.is_debris(l.cell));
         let released = self.released(&body, &carried);
         let (ratio, gain) = (released / cost.max(LEAST_COST), released - cost);
+        self.dearest.set(self.dearest.get().max(cost));
         if !crumbles {
             self.best.set(self.best.get().max(ratio));
         }

@@ -1,8 +1,8 @@
 //! Growths that the balance of the whole body finds by itself.
 //!
-//! Where bone is in layers thinner than the integrals' domain, K can be several times off, in size and in direction: fronts then seem
-//! to be driven tenfold, and no growth along their kinks pays. What MSERRC asks for, the direction of the largest energy release, is
-//! then sought as it is written: by releasing it.
+//! Where bone is in layers thinner than the integrals' domain, K can be several times off, in size and in direction: the body then stores
+//! many times what a growth costs, fronts seem to be driven tenfold, and no growth along their kinks pays. What MSERRC asks for, the
+//! direction of the largest energy release, is then sought as it is written: by releasing it.
 use super::balance::{Balance, Trial, most_gaining};
 use crate::crack::growth::{Drive, GrowthLengths};
 use crate::crack::load_control::FrontDrives;
@@ -10,9 +10,8 @@ use crate::crack::stress_intensity::Station;
 use crate::crack::{BodyError, EvaluatedFront};
 use crate::geometry::Vec3;
 
-/// Where no growth pays though a front is driven this hard, K is wrong. Below, the load may well have to rise: 600 linear tetrahedra take
-/// up to four times what K says, and a search among coarse steps would only lead the crack astray.
-pub(super) const OVERDRIVEN: f64 = 10.0;
+/// Where no growth pays though the body's energy would pay so many times for it, K is wrong. Below, the load may well have to rise.
+pub(super) const RESERVE: f64 = 10.0;
 /// Fronts that are driven less than this are left alone.
 const LEAST: f64 = 0.1;
 /// Turns off the front's own plane, or off its kink \[deg\]: no criterion kinks by more.
