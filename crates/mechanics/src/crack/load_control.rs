@@ -140,7 +140,6 @@ fn twisted(front: &EvaluatedFront, drives: &[Drive], lengths: &GrowthLengths) ->
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bone::TetMaterial;
     use crate::crack::Front;
 
     /// A circle torn in opposite senses on its two halves tilts about the line between them: up on one side, down on the other, on
@@ -151,21 +150,13 @@ mod tests {
         let station = |k: usize, k3: f64| {
             let (sin, cos) = (std::f64::consts::TAU * k as f64 / n as f64).sin_cos();
             let advance = Vec3::new(cos, sin, 0.0);
-            Station {
+            let mut station = Station {
                 position: 5.0 * advance,
                 advance,
-                normal: Vec3::z(),
-                k: StressIntensity {
-                    k1: 1.0,
-                    k2: 0.0,
-                    k3,
-                },
-                g: 1.0,
-                material: TetMaterial::isotropic(1.0, 0.3, 1.0),
-                inside: 1.0,
-                clear: 1.0,
-                offset: 0.0,
-            }
+                ..Station::of_mode_one()
+            };
+            station.k.k3 = k3;
+            station
         };
         let heights = |k3: &dyn Fn(f64) -> f64| {
             let of = |k: usize| station(k, k3(std::f64::consts::TAU * k as f64 / n as f64));

@@ -104,6 +104,26 @@ pub const LEAST_INSIDE: f64 = 0.3;
 /// Stations whose own place is less clear of other fronts carry no values of their own.
 pub const LEAST_CLEAR: f64 = 0.5;
 impl Station {
+    /// At the origin, under opening alone, advancing along x in the plane z = 0.
+    #[cfg(test)]
+    pub(crate) fn of_mode_one() -> Self {
+        Self {
+            position: Vec3::zeros(),
+            advance: Vec3::x(),
+            normal: Vec3::z(),
+            k: StressIntensity {
+                k1: 1.0,
+                k2: 0.0,
+                k3: 0.0,
+            },
+            g: 1.0,
+            material: TetMaterial::isotropic(1.0, 0.3, 1.0),
+            inside: 1.0,
+            clear: 1.0,
+            offset: 0.0,
+        }
+    }
+
     /// Right-handed frame (q, n, t = q x n) as columns.
     pub fn frame(&self) -> Matrix3<f64> {
         Matrix3::from_columns(&[self.advance, self.normal, self.advance.cross(&self.normal)])

@@ -15,7 +15,9 @@ const LEAST_COST: f64 = 1e-3;
 pub(super) struct Balance<'a> {
     body: &'a CrackedBody,
     state: &'a BoneState,
+    /// Largest ratio of energy released to energy needed.
     best: Cell<f64>,
+    /// Largest energy needed \[N mm\].
     dearest: Cell<f64>,
 }
 
@@ -61,9 +63,7 @@ impl<'a> Balance<'a> {
         }
         let body = self.body.grown(growth)?;
         let (area, cost) = body.cost(self.body, &newly_cut);
-        let carried = body.carry_loads(self.body, &self.state.loads);
-        let crumbles = carried.iter().any(|l| body.is_debris(l.cell));
-        let released = self.released(&body, &carried);
+        let (released, crumbles) = self.released(&body);
         let (ratio, gain) = (released / cost.max(LEAST_COST), released - cost);
         self.dearest.set(self.dearest.get().max(cost));
         if !crumbles {
@@ -79,9 +79,10 @@ impl<'a> Balance<'a> {
     }
 
     /// What a held load gives up, U (1 - C / C') for compliances C and C' before and after: less than what is set free if the forces
-    /// stay, and all of U at most. Loads on what crumbles off give up all that they had stored.
-    fn released(&self, grown: &CrackedBody, carried: &[CellForce]) -> f64 {
+    /// stay, and all of U at most. Loads on what crumbles off give up all that they had stored; says whether there are any.
+    fn released(&self, grown: &CrackedBody) -> (f64, bool) {
         let (body, loads) = (self.body, &self.state.loads);
+        let carried = grown.carry_loads(body, loads);
         let stays = |l: &&CellForce| !grown.is_debris(l.cell);
         let staying: Vec<CellForce> = carried.iter().filter(stays).copied().collect();
         let part = |whole: f64, more: f64| {
@@ -91,19 +92,21 @@ impl<'a> Balance<'a> {
                 0.0
             }
         };
-        if staying.len() == carried.len() {
+        let crumbles = staying.len() < carried.len();
+        if !crumbles {
             let (mesh, topology) = (&body.solid.mesh, &grown.topology);
             let (x, forces) = (&self.state.x, grown.sparse_loads(&staying));
             let more = (grown.system).released(&body.system, mesh, topology, x, &forces);
             if let Some(more) = more {
-                return part(self.state.strain_energy, more);
+                return (part(self.state.strain_energy, more), false);
             }
         }
-        let kept = loads.iter().zip(carried).filter(|(_, c)| stays(c));
+        let kept = loads.iter().zip(&carried).filter(|(_, c)| stays(c));
         let kept: Vec<CellForce> = kept.map(|(l, _)| *l).collect();
         let [all, before, after] =
             [body.work(loads), body.work(&kept), grown.work(&staying)].map(|work| 0.5 * work);
-        (all - before + part(before, after - before)).min(self.state.strain_energy)
+        let released = all - before + part(before, after - before);
+        (released.min(self.state.strain_energy), crumbles)
     }
 
     /// The affordable growth of a stretch of front: as a whole or, if the energy does not suffice, only where it is driven

@@ -44,8 +44,6 @@ fn way(station: &Station, sheet: usize, crack: &CrackSurface, lengths: &GrowthLe
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bone::TetMaterial;
-    use crate::crack::criterion::StressIntensity;
     use crate::crack::{Front, Sheet};
     use crate::geometry::TriMesh;
 
@@ -71,18 +69,8 @@ mod tests {
             };
             let station = Station {
                 position: Vec3::new(0.0, 0.0, 2.0),
-                advance: Vec3::x(),
-                normal: Vec3::z(),
-                k: StressIntensity {
-                    k1: 1.0,
-                    k2: 0.0,
-                    k3: 0.0,
-                },
-                g: 1.0,
-                material: TetMaterial::isotropic(1.0, 0.3, 1.0),
                 inside,
-                clear: 1.0,
-                offset: 0.0,
+                ..Station::of_mode_one()
             };
             let front = EvaluatedFront {
                 front: Front {

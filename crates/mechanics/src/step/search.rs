@@ -71,33 +71,13 @@ fn ways<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bone::TetMaterial;
-    use crate::crack::criterion::StressIntensity;
-
-    fn station() -> Station {
-        Station {
-            position: Vec3::zeros(),
-            advance: Vec3::x(),
-            normal: Vec3::z(),
-            k: StressIntensity {
-                k1: 1.0,
-                k2: 0.0,
-                k3: 0.0,
-            },
-            g: 1.0,
-            material: TetMaterial::isotropic(1.0, 0.3, 1.0),
-            inside: 1.0,
-            clear: 1.0,
-            offset: 0.0,
-        }
-    }
 
     /// Straight ahead and mirrored to both sides, at most two increments far; what K does not drive at all stays.
     #[test]
     fn a_front_is_tried_evenly_and_as_driven_to_either_side() {
         let drive = |ratio: f64, kink: f64| Drive { ratio, kink };
         let drives = [drive(4.0, 0.5), drive(1.0, -0.5), drive(0.0, 0.0)];
-        let all: Vec<_> = ways(&[station(), station(), station()], &drives, 4.0, 0.8).collect();
+        let all: Vec<_> = ways(&[Station::of_mode_one(); 3], &drives, 4.0, 0.8).collect();
         assert_eq!(all.len(), 2 * FAR.len() * TURNS.len());
         assert_eq!(all[0], [0.8 * Vec3::x(), 0.8 * Vec3::x(), Vec3::zeros()]);
         let sideways: Vec3 = all.iter().map(|w| w[0]).sum::<Vec3>();
