@@ -4,8 +4,9 @@
 //! step needs, no larger: the load rises until the crack grows, and is lowered again after each growth. `kept`, the pairs stay at
 //! the bottom of the saw's slit; `driven`, they follow the crack's front as far as a chisel reaches.
 use anyhow::{Context, Result, bail, ensure};
-use osteotome::engine::{Prepared, prepare};
+use osteotome::engine::{Prepared, final_bone, prepare};
 use osteotome::scenario::{Override, Scenario, Source, load};
+use osteotome::session::write_final_bone;
 use osteotome::surgeon::SplitLine;
 use osteotome_anatomy::Canal;
 use osteotome_anatomy::stl::read_stl;
@@ -14,7 +15,7 @@ use osteotome_mechanics::crack::Solid;
 use osteotome_mechanics::crack::stress_intensity::CellForce;
 use osteotome_mechanics::geometry::{MeshDistance, TetLocator, Vec3};
 use osteotome_mechanics::step::{
-    Body, Bone, FaceContact, FacePlace, PropagationSettings, propagation_step,
+    Body, Bone, BoneState, FaceContact, FacePlace, PropagationSettings, propagation_step,
 };
 use std::fmt::Write;
 use std::path::Path;
@@ -168,15 +169,8 @@ impl Study {
 
     /// The first growth as the load rises from `force`.
     fn grow(&self, unit: &[CellForce], mut force: f64) -> Result<Option<(Bone, Step)>> {
-        let mut faces = FaceContact::default();
         while force <= MOST_FORCE {
-            let scaled = unit.iter().map(|l| CellForce {
-                force: l.force * force,
-                ..*l
-            });
-            let state = self
-                .bone
-                .under_loads(&scaled.collect::<Vec<_>>(), &mut faces);
+            let state = self.under(unit, force);
             let (grown, report) =
                 propagation_step(&self.bone, &state, &PropagationSettings::default(), None)?;
             if let Some(bone) = grown {
@@ -192,6 +186,16 @@ impl Study {
             force *= to_start.max(RAISED);
         }
         Ok(None)
+    }
+
+    /// The bone at rest under forces so many times `unit`.
+    fn under(&self, unit: &[CellForce], times: f64) -> BoneState {
+        let scaled = unit.iter().map(|l| CellForce {
+            force: l.force * times,
+            ..*l
+        });
+        let loads: Vec<_> = scaled.collect();
+        self.bone.under_loads(&loads, &mut FaceContact::default())
     }
 
     /// Forces of 1 N on each face at each of the two places.
@@ -287,6 +291,10 @@ impl Study {
             let _ = writeln!(text, "{:.3},{:.3},{:.3},{:.4}", x.x, x.y, x.z, p.area);
         }
         std::fs::write(out.join("faces.csv"), text)?;
+        let last = self.steps.last().map_or(0.0, |s| s.force);
+        let state = self.under(&self.pairs().unwrap_or_default(), last);
+        let bone = final_bone(&self.bone, &state);
+        std::fs::write(out.join("bone.vtu"), write_final_bone(&bone))?;
         let mut forces: Vec<f64> = self.steps.iter().map(|s| s.force).collect();
         let start = forces.first().copied().unwrap_or(0.0);
         forces.sort_by(f64::total_cmp);

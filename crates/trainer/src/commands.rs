@@ -640,10 +640,8 @@ pub fn keep_session(plan: &Plan, mut input: Input, watch: &mut Watch) -> Result<
             };
             folder.write("crack.ply", &write_crack(&crack))?;
         }
-        folder.write(
-            "bone_final.vtu",
-            &write_final_bone(&engine::final_bone(&engine)),
-        )?;
+        let bone = engine::final_bone(engine.main.bone(), engine.main.state());
+        folder.write("bone_final.vtu", &write_final_bone(&bone))?;
         let metrics = recorder.finish()?;
         let mut ended = Ended {
             outcome: metrics.outcome(),

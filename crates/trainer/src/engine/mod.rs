@@ -9,6 +9,7 @@ mod propagation;
 mod rebase;
 mod surroundings;
 
+pub use bone_file::final_bone;
 pub use haptic::haptic_model;
 pub(crate) use held::Held;
 pub use prepare::{Prepared, material_spec, prepare};
@@ -17,7 +18,6 @@ pub use surroundings::Surrounding;
 
 use crate::loops::{Parts, Underway, latest};
 use crate::scenario::{Scenario, Tool};
-use crate::session::FinalBone;
 use anyhow::{Context, Result};
 use haptic::BoneView;
 use osteotome_mechanics::contact::ContactLaw;
@@ -98,11 +98,6 @@ pub fn tools_among(prepared: &Prepared, scenario: &Scenario) -> Result<ToolModel
     let fields = prepared.surroundings.iter().filter_map(|s| s.field.clone());
     tools.surroundings = fields.collect();
     Ok(tools)
-}
-
-/// The bone as it ended.
-pub fn final_bone(engine: &Engine) -> FinalBone {
-    bone_file::final_bone(engine.main.bone(), engine.main.state())
 }
 
 /// The chisels with their couplings, and the contact law.
