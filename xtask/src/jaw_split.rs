@@ -198,10 +198,9 @@ impl Study {
         self.bone.under_loads(&loads, &mut FaceContact::default())
     }
 
-    /// Forces of 1 N on each face at each of the two places.
+    /// Forces of 1 N to either side at each of the two places: on what a chisel would push there, past chips that have come loose.
     fn pairs(&self) -> Option<Vec<CellForce>> {
         let bone = &self.bone;
-        let places: Vec<FacePlace> = bone.faces.places(bone).collect();
         let fronts: Vec<Vec3> = (bone.fronts().iter())
             .flat_map(|f| {
                 let vertices = &bone.crack.sheets[f.sheet].mesh.vertices;
@@ -217,41 +216,41 @@ impl Study {
         for share in self.stations {
             let s = self.line.on_ridge(share);
             let (frame, slit) = (self.line.frame(s, WIDTH), self.line.mark(s).depth);
-            let at = |i: usize| frame.inverse_transform_point(&places[i].position.into());
-            let may = |&i: &usize| {
-                let (p, place) = (&places[i], at(i));
-                let in_slit = p.gap > 0.0 && place.z <= slit;
+            let across = frame.rotation * Vec3::y();
+            // Depths and forces, in proportion to the faces' areas.
+            let mut sides: [Vec<(f64, CellForce)>; 2] = Default::default();
+            for (i, p) in bone.faces.places(bone).enumerate() {
+                let place = frame.inverse_transform_point(&p.position.into());
+                let faces = bone.faces.push_apart(i, p.area);
+                let held = faces.map(|f| self.is_held(&f));
+                // A loose chip's bed is the slit's new wall.
+                let in_slit = place.z <= slit && (p.gap > 0.0 || held.contains(&false));
                 let driven = self.strategy == Strategy::Driven && place.z <= DEEPEST;
-                place.x.abs() <= 0.5 * WIDTH
+                let may = place.x.abs() <= 0.5 * WIDTH
                     && place.y.abs() <= ASIDE
-                    && (frame.rotation * Vec3::y()).dot(&p.normal).abs() > 0.5
-                    && (in_slit || (driven && is_behind(p)))
-                    && self.is_held(i)
-            };
-            let own: Vec<usize> = (0..places.len()).filter(may).collect();
-            let deepest = own
-                .iter()
-                .map(|&i| at(i).z)
-                .fold(f64::NEG_INFINITY, f64::max);
-            let tip = own.iter().filter(|&&i| at(i).z >= deepest - HEIGHT);
-            let area: f64 = tip.clone().map(|&i| places[i].area).sum();
-            let push = |&i: &usize| bone.faces.push_apart(i, places[i].area / area);
-            loads.extend(tip.flat_map(push));
+                    && across.dot(&p.normal).abs() > 0.5
+                    && (in_slit || (driven && is_behind(&p)));
+                for (face, _) in faces.into_iter().zip(held).filter(|(_, held)| may && *held) {
+                    let side = usize::from(face.force.dot(&across) > 0.0);
+                    sides[side].push((place.z, face));
+                }
+            }
+            if sides.iter().all(|side| !side.is_empty()) {
+                loads.extend(sides.iter().flat_map(|side| at_the_tip(side)));
+            }
         }
         (!loads.is_empty()).then_some(loads)
     }
 
-    /// Whether both faces of a pair hang on one of the two ends: to push on what has come loose moves it, no more.
-    fn is_held(&self, pair: usize) -> bool {
+    /// Whether a face hangs on one of the two ends: to push on what has come loose moves it, no more.
+    fn is_held(&self, face: &CellForce) -> bool {
         let bone = &self.bone;
         let pieces = &bone.fragments.of_node;
-        bone.faces.push_apart(pair, 1.0).iter().all(|l| {
-            let cell = &bone.topology.cells()[l.cell as usize];
-            let own = (0..4).find(|k| cell.mask >> k & 1 == 1).unwrap_or(0);
-            let piece = pieces[bone.body.mesh.tets()[cell.tet as usize][own] as usize];
-            let mut ends = bone.body.ends.iter().filter_map(|e| e.first());
-            ends.any(|&n| pieces[n as usize] == piece)
-        })
+        let cell = &bone.topology.cells()[face.cell as usize];
+        let own = (0..4).find(|k| cell.mask >> k & 1 == 1).unwrap_or(0);
+        let piece = pieces[bone.body.mesh.tets()[cell.tet as usize][own] as usize];
+        let mut ends = bone.body.ends.iter().filter_map(|e| e.first());
+        ends.any(|&n| pieces[n as usize] == piece)
     }
 
     /// Where the bone broke.
@@ -322,6 +321,18 @@ impl Study {
         }
         Ok(())
     }
+}
+
+/// The forces that lie deepest, together 1 N.
+fn at_the_tip(side: &[(f64, CellForce)]) -> Vec<CellForce> {
+    let deepest = side.iter().map(|s| s.0).fold(f64::NEG_INFINITY, f64::max);
+    let tip = side.iter().filter(|s| s.0 >= deepest - HEIGHT);
+    let area: f64 = tip.clone().map(|s| s.1.force.norm()).sum();
+    let share = |(_, face): &(f64, CellForce)| CellForce {
+        force: face.force / area,
+        ..*face
+    };
+    tip.map(share).collect()
 }
 
 /// Mean by area and largest of distances \[mm\].
