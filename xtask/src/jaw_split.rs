@@ -2,7 +2,8 @@
 //!
 //! Two pairs of forces push the crack's faces apart where the built-in surgeon's chisels go in. They are as large as the crack's next
 //! step needs, no larger: the load rises until the crack grows, and is lowered again after each growth. `kept`, the pairs stay at
-//! the bottom of the saw's slit; `driven`, they follow the crack's front as far as a chisel reaches.
+//! the bottom of the saw's slit, or as high in the crack as there is a hold once a plate has come off; `driven`, they follow the
+//! crack's front as far as a chisel reaches.
 use anyhow::{Context, Result, bail, ensure};
 use osteotome::engine::{Prepared, final_bone, prepare};
 use osteotome::scenario::{Override, Scenario, Source, load};
@@ -47,6 +48,17 @@ const USAGE: &str = "give jaw-split SCENARIO kept|driven OUT [plan=SURFACE.stl] 
 enum Strategy {
     Kept,
     Driven,
+}
+
+/// What a pair of forces holds on to.
+#[derive(Clone, Copy)]
+enum Hold {
+    /// The bottom of the slit.
+    Slit,
+    /// What is deepest, behind the crack's front.
+    Front,
+    /// What of the crack lies highest: where all that the slit's walls were has come off.
+    Beyond,
 }
 
 /// One growth.
@@ -169,10 +181,10 @@ impl Study {
 
     /// The first growth as the load rises from `force`.
     fn grow(&self, unit: &[CellForce], mut force: f64) -> Result<Option<(Bone, Step)>> {
+        let settings = PropagationSettings::default();
         while force <= MOST_FORCE {
             let state = self.under(unit, force);
-            let (grown, report) =
-                propagation_step(&self.bone, &state, &PropagationSettings::default(), None)?;
+            let (grown, report) = propagation_step(&self.bone, &state, &settings, None)?;
             if let Some(bone) = grown {
                 let step = Step {
                     force,
@@ -200,6 +212,13 @@ impl Study {
 
     /// Forces of 1 N to either side at each of the two places: on what a chisel would push there, past chips that have come loose.
     fn pairs(&self) -> Option<Vec<CellForce>> {
+        match self.strategy {
+            Strategy::Kept => (self.pairs_in(Hold::Slit)).or_else(|| self.pairs_in(Hold::Beyond)),
+            Strategy::Driven => self.pairs_in(Hold::Front),
+        }
+    }
+
+    fn pairs_in(&self, hold: Hold) -> Option<Vec<CellForce>> {
         let bone = &self.bone;
         let fronts: Vec<Vec3> = (bone.fronts().iter())
             .flat_map(|f| {
@@ -225,14 +244,19 @@ impl Study {
                 let held = faces.map(|f| self.is_held(&f));
                 // A loose chip's bed is the slit's new wall.
                 let in_slit = place.z <= slit && (p.gap > 0.0 || held.contains(&false));
-                let driven = self.strategy == Strategy::Driven && place.z <= DEEPEST;
-                let may = place.x.abs() <= 0.5 * WIDTH
+                let in_crack = place.z <= DEEPEST && is_behind(&p);
+                let (is_hold, depth) = match hold {
+                    Hold::Slit => (in_slit, place.z),
+                    Hold::Front => (in_slit || in_crack, place.z),
+                    Hold::Beyond => (in_crack, -place.z),
+                };
+                let may = is_hold
+                    && place.x.abs() <= 0.5 * WIDTH
                     && place.y.abs() <= ASIDE
-                    && across.dot(&p.normal).abs() > 0.5
-                    && (in_slit || (driven && is_behind(&p)));
+                    && across.dot(&p.normal).abs() > 0.5;
                 for (face, _) in faces.into_iter().zip(held).filter(|(_, held)| may && *held) {
                     let side = usize::from(face.force.dot(&across) > 0.0);
-                    sides[side].push((place.z, face));
+                    sides[side].push((depth, face));
                 }
             }
             if sides.iter().all(|side| !side.is_empty()) {
