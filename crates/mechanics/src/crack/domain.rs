@@ -6,6 +6,7 @@ use super::interaction::{BoundaryPart, CellInteraction};
 use super::mean_material::MaterialSum;
 use super::stress_intensity::Fields;
 use super::surface_load::face_pieces;
+use super::toughness_ahead::ToughnessAhead;
 use super::williams::Side;
 use crate::bone::{Lame, TetMaterial};
 use crate::geometry::{NO_TET, TET_FACES, Vec3};
@@ -45,6 +46,8 @@ pub(super) struct Domain {
     pub materials: Vec<TetMaterial>,
     /// For each vertex, whether all of its domain is of one elastic law, or of laws that depend on direction.
     pub is_uniform: Vec<bool>,
+    /// For each vertex, what a growth would have to tear, where that is not one and the same.
+    pub ahead: Vec<Option<ToughnessAhead>>,
     /// For each vertex, the nodes within its hat and the hat there.
     hats: Vec<Vec<(u32, f64)>>,
 }
@@ -120,6 +123,7 @@ impl Domain {
                     interactions: Vec::new(),
                     materials: Vec::new(),
                     is_uniform: Vec::new(),
+                    ahead: Vec::new(),
                     hats: Vec::new(),
                 };
                 domain.gather(fields);
@@ -145,6 +149,10 @@ impl Domain {
         let fallback = &fields.materials[0];
         self.materials = sums.iter().map(|s| s.mean(fallback)).collect();
         self.is_uniform = sums.iter().map(MaterialSum::is_uniform).collect();
+        let vertices = 0..self.line.points.len();
+        self.ahead = vertices
+            .map(|k| ToughnessAhead::new(self, fields, k))
+            .collect();
         self.hats = self.hats();
     }
 

@@ -78,10 +78,11 @@ pub fn drive(station: &Station, lengths: &GrowthLengths) -> Drive {
             kink: 0.0,
         };
     }
-    let toughness = |a: f64| {
-        station
+    let toughness = |a: f64| match &station.ahead {
+        Some(ahead) => ahead.at(a),
+        None => station
             .material
-            .toughness(&(station.normal * a.cos() - station.advance * a.sin()))
+            .toughness(&(station.normal * a.cos() - station.advance * a.sin())),
     };
     let (kink, best) = station.k.preferred_kink(
         lengths.criterion,

@@ -19,6 +19,7 @@ pub mod stress_intensity;
 mod surface;
 mod surface_load;
 mod system;
+mod toughness_ahead;
 mod williams;
 
 pub use body::{BodyError, CrackedBody, EvaluatedFront, Growth, Solid};

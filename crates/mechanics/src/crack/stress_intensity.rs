@@ -31,6 +31,7 @@ use super::enrichment::Topology;
 use super::front::FrontLine;
 use super::surface::{CrackSurface, Front, Sheet};
 use super::system::System;
+use super::toughness_ahead::ToughnessAhead;
 use crate::bone::{TetMaterial, stiffness};
 use crate::geometry::{TetLocator, TetMesh, Vec3};
 use nalgebra::Matrix3;
@@ -91,6 +92,8 @@ pub struct Station {
     pub g: f64,
     /// Material near the station: mean over its domain.
     pub material: TetMaterial,
+    /// What a growth would have to tear, where that is not one and the same.
+    pub ahead: Option<ToughnessAhead>,
     /// Share of the station's hat that lies inside the body; below [`LEAST_INSIDE`] the values are not to be trusted.
     pub inside: f64,
     /// 1 if no other front is near; below [`LEAST_CLEAR`] another front's field enters the domain.
@@ -118,6 +121,7 @@ impl Station {
             },
             g: 1.0,
             material: TetMaterial::isotropic(1.0, 0.3, 1.0),
+            ahead: None,
             inside: 1.0,
             clear: 1.0,
             offset: 0.0,
@@ -225,6 +229,7 @@ impl<'a> Driven<'a> {
                 k: StressIntensity::default(),
                 g: self.domain.sum(k, |n| forces[n]),
                 material: self.domain.materials[k],
+                ahead: self.domain.ahead[k],
                 inside: self.domain.inside[k].0,
                 clear: self.domain.clear[k],
                 offset: self.domain.offsets[k],
@@ -232,7 +237,8 @@ impl<'a> Driven<'a> {
             .collect();
         for (k, s) in stations.iter().enumerate() {
             let is_loaded = self.domain.sum(k, |n| loaded[n]) > 0.0;
-            let least = s.material.toughness_along.min(s.material.toughness_across);
+            let own = s.material.toughness_along.min(s.material.toughness_across);
+            let least = s.ahead.map_or(own, |ahead| ahead.least().min(own));
             if is_loaded || s.g > k_from * least {
                 driven.push((k, is_loaded || !self.domain.is_uniform[k]));
             }
