@@ -1,5 +1,5 @@
 use super::block_matrix::BlockMatrix;
-use super::dense::{Double, Precision, Stored, add_columns, dot, subtract_dots, view, view_mut};
+use super::dense::{Double, Precision, Stored, inlined, vectorized, view, view_mut};
 use super::ordering::nested_dissection;
 use crate::geometry::Vec3;
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -326,45 +326,64 @@ impl Factor {
 
     /// y <- L^-1 y for a y that is zero off `path`, in places of L. Supernodes where y is zero cost nothing.
     pub(super) fn forward<P: Precision>(&self, path: &Path, y: &mut [f64], below: &mut [f64]) {
-        for &s in &path.supernodes {
-            let (columns, pattern) = (self.columns(s as usize), self.pattern(s as usize));
-            let stride = columns.len() + pattern.len();
-            let l = self.values::<P>(s as usize);
-            let top = &mut y[columns];
-            if top.iter().all(|v| *v == 0.0) {
-                continue;
-            }
-            let below = &mut below[..pattern.len()];
-            below.fill(0.0);
-            eliminate(l, stride, top, below);
-            for (row, b) in pattern.iter().zip(&*below) {
-                y[*row as usize] -= b;
-            }
+        vectorized(
+            #[inline(always)]
+            || {
+                for &s in &path.supernodes {
+                    self.forward_one::<P>(s as usize, y, below);
+                }
+            },
+        );
+    }
+
+    #[inline(always)]
+    fn forward_one<P: Precision>(&self, s: usize, y: &mut [f64], below: &mut [f64]) {
+        let (columns, pattern) = (self.columns(s), self.pattern(s));
+        let stride = columns.len() + pattern.len();
+        let top = &mut y[columns];
+        if is_zero(top) {
+            return;
+        }
+        let below = &mut below[..pattern.len()];
+        below.fill(0.0);
+        eliminate(self.values::<P>(s), stride, top, below);
+        for (row, b) in pattern.iter().zip(&*below) {
+            y[*row as usize] -= b;
         }
     }
 
     /// y <- L^-T y on `path`, in places of L. Supernodes that stay zero cost next to nothing.
     pub(super) fn backward<P: Precision>(&self, path: &Path, y: &mut [f64], below: &mut [f64]) {
-        for &s in path.supernodes.iter().rev() {
-            let (columns, pattern) = (self.columns(s as usize), self.pattern(s as usize));
-            let (n, stride) = (columns.len(), columns.len() + pattern.len());
-            let l = self.values::<P>(s as usize);
-            let below = &mut below[..pattern.len()];
-            for (b, row) in below.iter_mut().zip(pattern) {
-                *b = y[*row as usize];
-            }
-            let top = &mut y[columns];
-            if top.iter().chain(&*below).all(|v| *v == 0.0) {
-                continue;
-            }
-            if !pattern.is_empty() {
-                subtract_dots(top, &l[n..], stride, below);
-            }
-            for c in (0..n).rev() {
-                let column = &l[c * stride..c * stride + n];
-                let rest = dot(&column[c + 1..], &top[c + 1..]);
-                top[c] = (top[c] - rest) / column[c].into();
-            }
+        vectorized(
+            #[inline(always)]
+            || {
+                for &s in path.supernodes.iter().rev() {
+                    self.backward_one::<P>(s as usize, y, below);
+                }
+            },
+        );
+    }
+
+    #[inline(always)]
+    fn backward_one<P: Precision>(&self, s: usize, y: &mut [f64], below: &mut [f64]) {
+        let (columns, pattern) = (self.columns(s), self.pattern(s));
+        let (n, stride) = (columns.len(), columns.len() + pattern.len());
+        let l = self.values::<P>(s);
+        let below = &mut below[..pattern.len()];
+        for (b, row) in below.iter_mut().zip(pattern) {
+            *b = y[*row as usize];
+        }
+        let top = &mut y[columns];
+        if is_zero(top) && is_zero(below) {
+            return;
+        }
+        if !pattern.is_empty() {
+            inlined::subtract_dots(top, &l[n..], stride, below);
+        }
+        for c in (0..n).rev() {
+            let column = &l[c * stride..c * stride + n];
+            let rest = inlined::dot(&column[c + 1..], &top[c + 1..]);
+            top[c] = (top[c] - rest) / column[c].into();
         }
     }
 
@@ -406,7 +425,10 @@ impl Factor {
                 }
                 let below = &mut below[c * rows.len()..(c + 1) * rows.len()];
                 if is_small {
-                    eliminate(l, stride, top, below);
+                    vectorized(
+                        #[inline(always)]
+                        || eliminate(l, stride, top, below),
+                    );
                 }
                 rows.iter()
                     .zip(below)
@@ -417,18 +439,25 @@ impl Factor {
 }
 
 /// One supernode's part of a forward sweep: its own rows become x, and what they take from those below is added to `below`.
+#[inline(always)]
 fn eliminate<T: Copy + Into<f64>>(l: &[T], stride: usize, top: &mut [f64], below: &mut [f64]) {
     let n = top.len();
     for c in 0..n {
         let column = &l[c * stride..c * stride + n];
         top[c] /= column[c].into();
         let x = top[c];
-        let rest = top[c + 1..].iter_mut().zip(&column[c + 1..]);
-        rest.for_each(|(t, l)| *t -= (*l).into() * x);
+        for (t, l) in top[c + 1..].iter_mut().zip(&column[c + 1..]) {
+            *t -= (*l).into() * x;
+        }
     }
     if !below.is_empty() {
-        add_columns(below, &l[n..], stride, top);
+        inlined::add_columns(below, &l[n..], stride, top);
     }
+}
+
+#[inline(always)]
+fn is_zero(y: &[f64]) -> bool {
+    y.iter().all(|v| *v == 0.0)
 }
 
 fn scalar_columns(matrix: &BlockMatrix) -> (Vec<usize>, Vec<usize>, Vec<f64>) {
