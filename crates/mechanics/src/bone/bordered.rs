@@ -235,7 +235,7 @@ impl Bordered {
     pub fn scratch(&self) -> SolveScratch {
         SolveScratch {
             y: vec![0.0; self.base.n()],
-            below: vec![0.0; self.base.longest_pattern()],
+            below: vec![0.0; self.base.longest_column()],
             packed: vec![0.0; self.base.n()],
             whole: self.base.whole(),
         }

@@ -60,8 +60,19 @@ pub fn vectorized<R>(f: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(f)
 }
 
+/// Reads a value of each cache line, from the first to the last. Several columns passed through together are several streams, which the
+/// processor foresees badly: where they come from memory, this first halves the time; where they lie in the cache, it costs a tenth.
+#[inline(always)]
+pub fn touch<T: Copy + Into<f64>>(a: &[T]) {
+    let mut sum = 0.0;
+    for line in a.chunks(64 / size_of::<T>()) {
+        sum += line[0].into();
+    }
+    std::hint::black_box(sum);
+}
+
 /// Columns that are passed through together: what they have in common is read once for all.
-const TOGETHER: usize = 4;
+pub const TOGETHER: usize = 4;
 
 /// out += A x for columns of length `out.len()`, `stride` apart.
 pub fn add_columns<T: Copy + Into<f64>>(out: &mut [f64], a: &[T], stride: usize, x: &[f64]) {
