@@ -297,6 +297,18 @@ impl Factor {
         }
     }
 
+    /// Makes what lies on `path` zero, in places of L.
+    pub(super) fn clear(&self, path: &Path, y: &mut [f64]) {
+        for &s in &path.supernodes {
+            y[self.columns(s as usize)].fill(0.0);
+        }
+    }
+
+    /// Place in L of an unknown.
+    pub(super) fn place(&self, unknown: u32) -> usize {
+        self.place[unknown as usize] as usize
+    }
+
     /// Copies what lies on `path`, both in places of L.
     pub(super) fn copy(&self, path: &Path, from: &[f64], to: &mut [f64]) {
         for &s in &path.supernodes {

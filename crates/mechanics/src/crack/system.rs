@@ -438,6 +438,11 @@ impl System {
         self.factor.sweep_up(rhs, swept, scratch);
     }
 
+    /// The forward half of a solve for a sparse right-hand side, added to another; see [`Bordered::add_load`].
+    pub fn add_load(&self, load: &[(u32, f64)], swept: &mut Swept, scratch: &mut SolveScratch) {
+        self.factor.add_load(load, swept, scratch);
+    }
+
     /// The backward half of a solve; see [`Bordered::sweep_down`].
     pub fn sweep_down(&self, swept: &mut Swept, x: &mut [f64], scratch: &mut SolveScratch) {
         self.factor.sweep_down(swept, x, scratch);

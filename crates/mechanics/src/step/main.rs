@@ -375,8 +375,7 @@ fn solve_bone(
     let swept = &mut state.swept;
     swept.clone_from(&state.pulled);
     let pushed = bone.sparse_loads(loads.iter().map(|l| &l.0));
-    let pushed = bone.system.half_solve(&[pushed]);
-    bone.system.add_half(&pushed, &[1.0], swept);
+    (bone.system).add_load(&pushed, swept, &mut state.solve);
     if let Some(yielding) = &state.yielding {
         yielding.correct(bone, &state.before, &state.bone.x, swept);
     }
