@@ -1,5 +1,7 @@
 use super::block_matrix::BlockMatrix;
-use super::dense::{Double, Precision, Stored, add_columns, dot, subtract_dots, view, view_mut};
+use super::dense::{
+    Double, Precision, Stored, TOGETHER, inlined, touch, vectorized, view, view_mut,
+};
 use super::ordering::nested_dissection;
 use crate::geometry::Vec3;
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -35,6 +37,9 @@ const SMALL: usize = 1200;
 /// Two supernodes of at most so many columns together are merged if at most this share of what they hold becomes zeros. Sweeps are as
 /// fast as memory, so zeros cost what values do; without any merging the factorisation takes a tenth longer.
 const MERGED: [(usize, f64); 3] = [(4, 1.0), (16, 0.3), (48, 0.05)];
+
+/// So many values are read ahead at once.
+const TOUCHED: usize = 1 << 14;
 
 /// "No supernode above."
 const ROOT: u32 = u32::MAX;
@@ -292,6 +297,18 @@ impl Factor {
         }
     }
 
+    /// Makes what lies on `path` zero, in places of L.
+    pub(super) fn clear(&self, path: &Path, y: &mut [f64]) {
+        for &s in &path.supernodes {
+            y[self.columns(s as usize)].fill(0.0);
+        }
+    }
+
+    /// Place in L of an unknown.
+    pub(super) fn place(&self, unknown: u32) -> usize {
+        self.place[unknown as usize] as usize
+    }
+
     /// Copies what lies on `path`, both in places of L.
     pub(super) fn copy(&self, path: &Path, from: &[f64], to: &mut [f64]) {
         for &s in &path.supernodes {
@@ -316,56 +333,104 @@ impl Factor {
         &P::of(&self.values)[self.value_first[s]..self.value_first[s + 1]]
     }
 
-    /// Length of the longest pattern: what the sweeps need for `below`.
-    pub(super) fn longest_pattern(&self) -> usize {
+    /// Length of the longest column: what the sweeps need for `below`.
+    pub(super) fn longest_column(&self) -> usize {
         (0..self.parent.len())
-            .map(|s| self.pattern(s).len())
+            .map(|s| self.columns(s).len() + self.pattern(s).len())
             .max()
             .unwrap_or(0)
     }
 
     /// y <- L^-1 y for a y that is zero off `path`, in places of L. Supernodes where y is zero cost nothing.
     pub(super) fn forward<P: Precision>(&self, path: &Path, y: &mut [f64], below: &mut [f64]) {
-        for &s in &path.supernodes {
-            let (columns, pattern) = (self.columns(s as usize), self.pattern(s as usize));
-            let stride = columns.len() + pattern.len();
-            let l = self.values::<P>(s as usize);
-            let top = &mut y[columns];
-            if top.iter().all(|v| *v == 0.0) {
-                continue;
+        vectorized(
+            #[inline(always)]
+            || {
+                for &s in &path.supernodes {
+                    self.forward_one::<P>(s as usize, y, below);
+                }
+            },
+        );
+    }
+
+    #[inline(always)]
+    fn forward_one<P: Precision>(&self, s: usize, y: &mut [f64], below: &mut [f64]) {
+        let (columns, pattern) = (self.columns(s), self.pattern(s));
+        let (n, stride) = (columns.len(), columns.len() + pattern.len());
+        if is_zero(&y[columns.clone()]) {
+            return;
+        }
+        let l = self.values::<P>(s);
+        if l.len() <= TOUCHED {
+            touch(l);
+        }
+        // The rows that the columns meet, one after the other: their own, then what they give to those below.
+        let met = &mut below[..stride];
+        met[..n].copy_from_slice(&y[columns.clone()]);
+        met[n..].fill(0.0);
+        for c in (0..n).step_by(TOGETHER) {
+            let past = n.min(c + TOGETHER);
+            let own = &l[c * stride..past * stride];
+            if l.len() > TOUCHED {
+                touch(own);
             }
-            let below = &mut below[..pattern.len()];
-            below.fill(0.0);
-            eliminate(l, stride, top, below);
-            for (row, b) in pattern.iter().zip(&*below) {
-                y[*row as usize] -= b;
+            let (top, rest) = met.split_at_mut(past);
+            let mut x = [0.0; TOGETHER];
+            for i in c..past {
+                let mut given = 0.0;
+                for j in c..i {
+                    given += own[(j - c) * stride + i].into() * top[j];
+                }
+                top[i] = (top[i] - given) / own[(i - c) * stride + i].into();
+                x[i - c] = -top[i];
             }
+            inlined::add_columns(rest, &own[past..], stride, &x[..past - c]);
+        }
+        y[columns].copy_from_slice(&met[..n]);
+        for (row, m) in pattern.iter().zip(&met[n..]) {
+            y[*row as usize] += m;
         }
     }
 
     /// y <- L^-T y on `path`, in places of L. Supernodes that stay zero cost next to nothing.
     pub(super) fn backward<P: Precision>(&self, path: &Path, y: &mut [f64], below: &mut [f64]) {
-        for &s in path.supernodes.iter().rev() {
-            let (columns, pattern) = (self.columns(s as usize), self.pattern(s as usize));
-            let (n, stride) = (columns.len(), columns.len() + pattern.len());
-            let l = self.values::<P>(s as usize);
-            let below = &mut below[..pattern.len()];
-            for (b, row) in below.iter_mut().zip(pattern) {
-                *b = y[*row as usize];
-            }
-            let top = &mut y[columns];
-            if top.iter().chain(&*below).all(|v| *v == 0.0) {
-                continue;
-            }
-            if !pattern.is_empty() {
-                subtract_dots(top, &l[n..], stride, below);
-            }
-            for c in (0..n).rev() {
-                let column = &l[c * stride..c * stride + n];
-                let rest = dot(&column[c + 1..], &top[c + 1..]);
-                top[c] = (top[c] - rest) / column[c].into();
+        vectorized(
+            #[inline(always)]
+            || {
+                for &s in path.supernodes.iter().rev() {
+                    self.backward_one::<P>(s as usize, y, below);
+                }
+            },
+        );
+    }
+
+    #[inline(always)]
+    fn backward_one<P: Precision>(&self, s: usize, y: &mut [f64], below: &mut [f64]) {
+        let (columns, pattern) = (self.columns(s), self.pattern(s));
+        let (n, stride) = (columns.len(), columns.len() + pattern.len());
+        let l = self.values::<P>(s);
+        // All that the columns meet, one after the other.
+        let met = &mut below[..stride];
+        met[..n].copy_from_slice(&y[columns.clone()]);
+        for (b, row) in met[n..].iter_mut().zip(pattern) {
+            *b = y[*row as usize];
+        }
+        if is_zero(met) {
+            return;
+        }
+        let first_of_last = n.saturating_sub(1) / TOGETHER * TOGETHER;
+        for c in (0..=first_of_last).rev().step_by(TOGETHER) {
+            let past = n.min(c + TOGETHER);
+            let (top, known) = met.split_at_mut(past);
+            let own = &l[c * stride..past * stride];
+            inlined::subtract_dots(&mut top[c..], &own[past..], stride, known);
+            for i in (c..past).rev() {
+                let column = &own[(i - c) * stride..];
+                let rest: f64 = (i + 1..past).map(|j| column[j].into() * top[j]).sum();
+                top[i] = (top[i] - rest) / column[i].into();
             }
         }
+        y[columns].copy_from_slice(&met[..n]);
     }
 
     /// L^-1 of `m` columns packed along their common path, in place.
@@ -376,8 +441,8 @@ impl Factor {
             // Rows of the path never lie before their packed place.
             shift[*s as usize] = self.first[*s as usize] as usize - offset;
         }
-        let mut below = vec![0.0; self.longest_pattern() * m];
-        let mut rows = Vec::with_capacity(self.longest_pattern());
+        let mut below = vec![0.0; self.longest_column() * m];
+        let mut rows = Vec::with_capacity(self.longest_column());
         for (&s, &offset) in path.supernodes.iter().zip(&path.offset) {
             let (n, pattern) = (self.columns(s as usize).len(), self.pattern(s as usize));
             let (l, stride) = (self.values::<Double>(s as usize), n + pattern.len());
@@ -406,7 +471,10 @@ impl Factor {
                 }
                 let below = &mut below[c * rows.len()..(c + 1) * rows.len()];
                 if is_small {
-                    eliminate(l, stride, top, below);
+                    vectorized(
+                        #[inline(always)]
+                        || eliminate(l, stride, top, below),
+                    );
                 }
                 rows.iter()
                     .zip(below)
@@ -417,18 +485,25 @@ impl Factor {
 }
 
 /// One supernode's part of a forward sweep: its own rows become x, and what they take from those below is added to `below`.
+#[inline(always)]
 fn eliminate<T: Copy + Into<f64>>(l: &[T], stride: usize, top: &mut [f64], below: &mut [f64]) {
     let n = top.len();
     for c in 0..n {
         let column = &l[c * stride..c * stride + n];
         top[c] /= column[c].into();
         let x = top[c];
-        let rest = top[c + 1..].iter_mut().zip(&column[c + 1..]);
-        rest.for_each(|(t, l)| *t -= (*l).into() * x);
+        for (t, l) in top[c + 1..].iter_mut().zip(&column[c + 1..]) {
+            *t -= (*l).into() * x;
+        }
     }
     if !below.is_empty() {
-        add_columns(below, &l[n..], stride, top);
+        inlined::add_columns(below, &l[n..], stride, top);
     }
+}
+
+#[inline(always)]
+fn is_zero(y: &[f64]) -> bool {
+    y.iter().all(|v| *v == 0.0)
 }
 
 fn scalar_columns(matrix: &BlockMatrix) -> (Vec<usize>, Vec<usize>, Vec<f64>) {

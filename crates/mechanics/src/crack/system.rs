@@ -41,8 +41,9 @@ struct Base {
     matrix: BlockMatrix,
     /// Ground spring of each node over the volume around it \[N/mm4\].
     ground: Vec<f64>,
-    /// The part of it that drags \[N/mm4\].
+    /// The part of it that drags \[N/mm4\], and of each node \[N/mm\].
     drag: Vec<f64>,
+    node_drag: Vec<f64>,
     /// Unknowns that supports move, ascending, and how far \[mm\].
     moved: Vec<(u32, f64)>,
 }
@@ -84,6 +85,7 @@ impl System {
                 block_of_node: numbering.of_node,
                 matrix,
                 ground,
+                node_drag: node_drag(mesh, &drag),
                 drag,
                 moved,
             }),
@@ -352,10 +354,8 @@ impl System {
         let mut x = before.to_vec();
         x.resize(self.n(), 0.0);
         // Without jumps a node's cells drag as one.
-        for (n, drag) in self.base.drag.iter().enumerate() {
-            let around = mesh.tets_of_node(n).iter();
-            let volume: f64 = around.map(|t| mesh.volumes()[*t as usize]).sum();
-            self.add_node_force(n, &(self.displacement(n, &x) * (drag * volume)), rhs);
+        for (n, drag) in self.base.node_drag.iter().enumerate() {
+            self.add_node_force(n, &(self.displacement(n, &x) * *drag), rhs);
         }
         for cell in topology.cells() {
             let jumps = cell.enrichment.iter().any(|e| *e != STANDARD);
@@ -436,6 +436,11 @@ impl System {
     /// The forward half of a solve for any right-hand side; see [`Bordered::sweep_up`].
     pub fn sweep_up(&self, rhs: &[f64], swept: &mut Swept, scratch: &mut SolveScratch) {
         self.factor.sweep_up(rhs, swept, scratch);
+    }
+
+    /// The forward half of a solve for a sparse right-hand side, added to another; see [`Bordered::add_load`].
+    pub fn add_load(&self, load: &[(u32, f64)], swept: &mut Swept, scratch: &mut SolveScratch) {
+        self.factor.add_load(load, swept, scratch);
     }
 
     /// The backward half of a solve; see [`Bordered::sweep_down`].
@@ -720,6 +725,16 @@ fn ground_springs(mesh: &TetMesh, supports: &Supports) -> [Vec<f64>; 2] {
         spring.iter().zip(&around).map(|(k, v)| k / v).collect(),
         drag,
     ]
+}
+
+/// The drag of each node's whole volume \[N/mm\].
+fn node_drag(mesh: &TetMesh, drag: &[f64]) -> Vec<f64> {
+    let volume = |n: usize| -> f64 {
+        let around = mesh.tets_of_node(n).iter();
+        around.map(|t| mesh.volumes()[*t as usize]).sum()
+    };
+    let nodes = drag.iter().enumerate();
+    nodes.map(|(n, drag)| drag * volume(n)).collect()
 }
 
 fn assemble(

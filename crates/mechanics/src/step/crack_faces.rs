@@ -375,16 +375,26 @@ impl FaceContact {
         let free: Vec<f64> = (self.active.iter().zip(moved))
             .map(|(&i, u)| self.opening[i] + u)
             .collect();
+        // Most pairs that once pressed no longer do: only changes are told to the others.
+        let mut pressed = vec![0.0; self.active.len()];
+        let tell = |row: &[f64], by: f64, pressed: &mut [f64]| {
+            let pairs = pressed.iter_mut().zip(row);
+            pairs.for_each(|(p, c)| *p += c * by);
+        };
+        let pressing = self.compliance.iter().zip(&self.force);
+        (pressing.filter(|p| *p.1 > 0.0)).for_each(|(row, f)| tell(row, *f, &mut pressed));
         for _ in 0..SWEEPS {
             let mut change = 0.0_f64;
             for (a, &i) in self.active.iter().enumerate() {
                 let row = &self.compliance[a];
                 let soft = 1.0 / (STIFFNESS * faces.pairs[i].area.max(1e-6));
-                let pressed: f64 = self.force.iter().zip(row).map(|(f, c)| c * f).sum();
                 let old = self.force[a];
-                let new = (old - (free[a] + pressed + soft * old) / (row[a] + soft)).max(0.0);
-                self.force[a] = new;
-                change = change.max((new - old).abs() * row[a]);
+                let new = (old - (free[a] + pressed[a] + soft * old) / (row[a] + soft)).max(0.0);
+                if new != old {
+                    self.force[a] = new;
+                    tell(row, new - old, &mut pressed);
+                    change = change.max((new - old).abs() * row[a]);
+                }
             }
             if change < 1e-9 {
                 break;

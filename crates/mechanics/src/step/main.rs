@@ -72,6 +72,11 @@ pub struct MainReport {
     pub wrenches: [Wrench; 2],
 }
 
+/// A bone that moved less than this in a step \[mm\] is not expected to go on: the tolerance is wider ...
+const LEAST_WAY: f64 = 2e-3;
+/// ... nor one that moved farther, which has broken or leapt \[mm\].
+const MOST_WAY: f64 = 0.3;
+
 /// What is computed from main step to main step.
 #[derive(Debug)]
 pub struct MainState {
@@ -97,6 +102,8 @@ pub struct MainState {
     before: Vec<f64>,
     /// The pull at the start of the step, half solved.
     pulled: Swept,
+    /// What the last step's way is made of, half solved: what `trial` is until the next one begins.
+    half_solved: Vec<f64>,
     swept: Swept,
 }
 
@@ -119,6 +126,7 @@ impl MainState {
             pull: bone.system.pull(&bone.body.mesh, &bone.topology, &state.x),
             before: Vec::new(),
             pulled: Swept::default(),
+            half_solved: Vec::new(),
             swept: Swept::default(),
             bone: state,
         }
@@ -140,6 +148,7 @@ impl MainState {
         self.volumes.update(&new.shell, &next.deformation);
         self.scene_state += 1;
         self.pull = (new.system).pull(&new.body.mesh, &new.topology, &next.x);
+        self.trial.clear();
         self.bone = next;
     }
 
@@ -263,14 +272,22 @@ impl Guess {
 }
 
 impl MainState {
-    /// The bone as it stands.
+    /// Begins a step: the bone where it would come if it went on as in the last one.
     fn start(&mut self, bone: &Bone) -> Guess {
         self.before.clone_from(&self.bone.x);
         (bone.system).sweep_up(&self.pull, &mut self.pulled, &mut self.solve);
         self.faces.start(bone, &self.before);
-        self.trial.clear();
-        self.trial.resize(self.before.len(), 0.0);
-        self.guess(&vec![0.0; self.before.len()])
+        let n = self.before.len();
+        let farthest = largest(self.trial.iter().copied());
+        let goes_on = self.bone.converged && (LEAST_WAY..MOST_WAY).contains(&farthest);
+        if self.trial.len() != n || !goes_on {
+            self.trial.clear();
+            self.trial.resize(n, 0.0);
+            return self.guess(&vec![0.0; n]);
+        }
+        let guess = self.guess(&self.half_solved);
+        self.show(bone, &guess);
+        guess
     }
 
     /// The guess that `trial` and its half-solved loads make from the start of the step.
@@ -292,6 +309,8 @@ impl MainState {
     /// Moves all of the bone to where the last sweep has brought its region.
     fn arrive(&mut self, bone: &Bone) {
         let region = &self.region.region;
+        self.half_solved.clear();
+        self.half_solved.extend_from_slice(self.swept.values());
         (bone.system).sweep_down_rest(region, &mut self.swept, &mut self.trial, &mut self.solve);
         self.settle(bone);
     }
@@ -299,6 +318,7 @@ impl MainState {
     /// Moves all of the bone to a guess that is no result of a sweep.
     fn halt(&mut self, bone: &Bone, guess: &Guess) {
         self.swept.set(guess.half_solved());
+        self.half_solved.clear();
         (bone.system).sweep_down(&mut self.swept, &mut self.trial, &mut self.solve);
         self.settle(bone);
     }
@@ -375,8 +395,7 @@ fn solve_bone(
     let swept = &mut state.swept;
     swept.clone_from(&state.pulled);
     let pushed = bone.sparse_loads(loads.iter().map(|l| &l.0));
-    let pushed = bone.system.half_solve(&[pushed]);
-    bone.system.add_half(&pushed, &[1.0], swept);
+    (bone.system).add_load(&pushed, swept, &mut state.solve);
     if let Some(yielding) = &state.yielding {
         yielding.correct(bone, &state.before, &state.bone.x, swept);
     }

@@ -106,13 +106,19 @@ fn row(row: &Row) -> String {
 
 fn baselines(row: &Row) -> Vec<String> {
     let line = |b: &super::times::Pairs| {
-        let (ms, ratio) = (b.baseline_ms()?, b.ratio()?);
-        Some(format!(
-            "{:<18}{ms:>10.3} ms, {ratio:>7.2} times ours: {} (n = {})",
-            row.part.name(),
-            b.what,
-            b.len()
-        ))
+        let (name, n) = (row.part.name(), b.len());
+        let left_out = match b.n_left_out() {
+            0 => String::new(),
+            k => format!(", {k} left out: no common rest"),
+        };
+        match (b.baseline_ms(), b.ratio()) {
+            (Some(ms), Some(ratio)) => Some(format!(
+                "{name:<18}{ms:>10.3} ms, {ratio:>7.2} times ours: {} (n = {n}{left_out})",
+                b.what,
+            )),
+            _ if b.n_left_out() > 0 => Some(format!("{name:<18}: {} (n = 0{left_out})", b.what)),
+            _ => None,
+        }
     };
     row.baselines.iter().filter_map(line).collect()
 }

@@ -77,6 +77,7 @@ pub struct Pairs {
     baseline: Times,
     /// Wall time that the comparison has taken, results and all \[ms\].
     spent: f64,
+    n_left_out: usize,
 }
 
 /// A baseline is tried no longer than this in all: those of large bones take seconds \[ms\].
@@ -90,6 +91,7 @@ impl Pairs {
             ours: Times::default(),
             baseline: Times::default(),
             spent: 0.0,
+            n_left_out: 0,
         }
     }
 
@@ -103,6 +105,17 @@ impl Pairs {
         self.ours.push(ours);
         self.baseline.push(baseline);
         self.spent += spent;
+    }
+
+    /// Notes a situation that cost `spent` \[ms\] and in which the two have no result in common to be compared.
+    pub fn leave_out(&mut self, spent: f64) {
+        self.n_left_out += 1;
+        self.spent += spent;
+    }
+
+    /// How many such situations there were.
+    pub fn n_left_out(&self) -> usize {
+        self.n_left_out
     }
 
     /// How many comparisons there were.
@@ -148,5 +161,14 @@ mod tests {
         assert!(!pairs.is_open());
         assert_eq!(pairs.ratio(), Some(5.0));
         assert_eq!(pairs.baseline_ms(), Some(10.0));
+    }
+
+    #[test]
+    fn what_cannot_be_compared_costs_time_and_counts_for_nothing_else() {
+        let mut pairs = Pairs::new("");
+        pairs.leave_out(BUDGET);
+        assert!(!pairs.is_open());
+        assert_eq!((pairs.len(), pairs.n_left_out()), (0, 1));
+        assert_eq!((pairs.baseline_ms(), pairs.ratio()), (None, None));
     }
 }

@@ -62,11 +62,12 @@ impl Relaxations {
         self.n_steps += 1;
     }
 
-    /// Brings `bone` to rest from the state before a main step, and from nothing. Nothing is learnt where no tool touches, or where
-    /// the two come to different rests: chisels in a slit have more than one.
+    /// Brings `bone` to rest from the state before a main step, and from nothing. Nothing is learnt where no tool touches, where no
+    /// rest is found (a bone that hangs by its last ligaments is soft, and without drag nothing slows it), or where the two come to
+    /// different rests: chisels in a slit have more than one.
     ///
     /// # Errors
-    /// If that is so more often than not.
+    /// If they come to different rests more often than not.
     pub fn compare(&mut self, bone: &Bone, before: &BoneState, input: &MainInput) -> Result<()> {
         if bone.is_severed() {
             // Without drag next to nothing holds the loose piece.
@@ -75,19 +76,27 @@ impl Relaxations {
         let start = Instant::now();
         self.n_compared += 1;
         let bone = undamped(bone)?;
-        let settled = self.rest(&bone, before.clone(), input)?;
+        let Some(settled) = self.rest(&bone, before.clone(), input) else {
+            self.cold.leave_out(elapsed_ms(start));
+            return Ok(());
+        };
         if settled.contacts == 0 {
             return Ok(());
         }
-        // Warm: what the last main step left, the hands having moved on a little.
-        let warm = self.rest(&bone, settled.state.clone(), &moved(input))?;
         let in_hands = MainInput {
             tools: ToolsState {
                 poses: moved(input).devices,
             },
             ..moved(input)
         };
-        let cold = self.rest(&bone, bone.at_rest(), &in_hands)?;
+        // Warm: what the last main step left, the hands having moved on a little.
+        let warm = self.rest(&bone, settled.state, &moved(input));
+        let cold = self.rest(&bone, bone.at_rest(), &in_hands);
+        let spent = elapsed_ms(start);
+        let (Some(warm), Some(cold)) = (warm, cold) else {
+            self.cold.leave_out(spent);
+            return Ok(());
+        };
         let off = difference(&warm.state.x, &cold.state.x);
         let scale = warm.state.x.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
         let settings = MainSettings::default();
@@ -100,16 +109,16 @@ impl Relaxations {
                 self.n_apart,
                 self.n_compared
             );
+            self.cold.leave_out(spent);
             return Ok(());
         }
-        let spent = start.elapsed().as_secs_f64() * 1e3;
         self.cold.push(warm.ms, cold.ms, spent);
         Ok(())
     }
 
     /// Main steps until the bone stands still. How long they took; and then, not timed, some more: the last change is within the
-    /// tolerance, but the rest may be a few of them away.
-    fn rest(&self, bone: &Bone, from: BoneState, input: &MainInput) -> Result<Rest> {
+    /// tolerance, but the rest may be a few of them away. None if it does not come to stand still.
+    fn rest(&self, bone: &Bone, from: BoneState, input: &MainInput) -> Option<Rest> {
         let mut state = MainState::new(bone, self.n_ids, ScratchLimits::default());
         state.volumes = BoundingVolumes::new(&bone.shell, &from.deformation);
         state.bone = from;
@@ -127,12 +136,11 @@ impl Relaxations {
             ms += took;
             report.converged
         };
-        ensure!(
-            (0..PATIENCE).any(|_| converges()),
-            "bone and tools did not come to rest in {PATIENCE} main steps"
-        );
+        if !(0..PATIENCE).any(|_| converges()) {
+            return None;
+        }
         let last = (0..SETTLING).map(|_| step().0).last();
-        Ok(Rest {
+        Some(Rest {
             ms,
             contacts: last.map_or(0, |r| r.n_contacts),
             state: state.bone,
@@ -149,6 +157,10 @@ struct Rest {
     ms: f64,
     contacts: usize,
     state: BoneState,
+}
+
+fn elapsed_ms(start: Instant) -> f64 {
+    start.elapsed().as_secs_f64() * 1e3
 }
 
 /// How far a hand comes in a main step \[mm\].
