@@ -4,8 +4,6 @@ use crate::scene::Kind;
 /// A surface that a ray meets, in order from the eye.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Event {
-    /// Distance along the camera's axis \[mm\].
-    pub depth: f32,
     /// What it bounds.
     pub kind: Kind,
     /// Whether the ray goes in.
@@ -52,8 +50,14 @@ impl Counts {
 /// Calls `visit` with the index of each visible event, front to back, until it says no.
 ///
 /// The bone is shown where it is not cut away and the ray goes in or out of it; walls of kerf and crack where there is bone
-/// and the ray goes into or out of what is cut away. Counts, not parity: overlapping shells are one bone.
-pub fn walk<E>(events: &[E], as_event: impl Fn(&E) -> Event, mut visit: impl FnMut(usize) -> bool) {
+/// and the ray goes into or out of what is cut away. Counts, not parity: overlapping shells are one bone. `ahead` tells how far
+/// behind one event another is \[mm\].
+pub fn walk<E>(
+    events: &[E],
+    as_event: impl Fn(&E) -> Event,
+    ahead: impl Fn(&E, &E) -> f32,
+    mut visit: impl FnMut(usize) -> bool,
+) {
     let mut counts = Counts::at_eye(events.iter().map(&as_event));
     for (k, event) in events.iter().enumerate() {
         let e = as_event(event);
@@ -70,7 +74,7 @@ pub fn walk<E>(events: &[E], as_event: impl Fn(&E) -> Event, mut visit: impl FnM
             Kind::Gap => {
                 counts.bone > 0
                     && before.is_cut() != counts.is_cut()
-                    && !is_closed(events, k, &as_event)
+                    && !is_closed(events, k, &as_event, &ahead)
             }
         };
         if is_visible && !visit(k) {
@@ -79,19 +83,22 @@ pub fn walk<E>(events: &[E], as_event: impl Fn(&E) -> Event, mut visit: impl FnM
     }
 }
 
-/// Whether the crack's other face is right behind or before this one.
-fn is_closed<E>(events: &[E], k: usize, as_event: &impl Fn(&E) -> Event) -> bool {
-    let this = as_event(&events[k]);
-    let partner = |e: &E| {
-        let e = as_event(e);
-        (e.kind == Kind::Gap).then_some(e)
-    };
-    let other = if this.is_front {
-        events[k + 1..].iter().find_map(partner)
-    } else {
-        events[..k].iter().rev().find_map(partner)
-    };
-    other.is_some_and(|o| o.is_front != this.is_front && (o.depth - this.depth).abs() < CLOSED)
+/// Whether a face of the crack that looks the other way is right behind or before this one: nothing is between them, or no bone to
+/// speak of. Which of two such faces comes first is a matter of rounding, and must not be seen.
+fn is_closed<E>(
+    events: &[E],
+    k: usize,
+    as_event: &impl Fn(&E) -> Event,
+    ahead: &impl Fn(&E, &E) -> f32,
+) -> bool {
+    let is_face = |e: &&E| as_event(e).kind == Kind::Gap;
+    let is_front = as_event(&events[k]).is_front;
+    let before = events[..k].iter().rev().find(is_face);
+    let behind = events[k + 1..].iter().find(is_face);
+    before
+        .into_iter()
+        .chain(behind)
+        .any(|o| as_event(o).is_front != is_front && ahead(&events[k], o).abs() < CLOSED)
 }
 
 #[cfg(test)]
@@ -102,11 +109,8 @@ mod tests {
         let mut found = Vec::new();
         walk(
             list,
-            |&(depth, kind, is_front)| Event {
-                depth,
-                kind,
-                is_front,
-            },
+            |&(_, kind, is_front)| Event { kind, is_front },
+            |a, b| b.0 - a.0,
             |k| {
                 found.push(k);
                 true
@@ -135,6 +139,15 @@ mod tests {
         assert_eq!(seen(&list), [0, 1, 2]);
         let closed = [(1.0, Gap, true), (1.01, Gap, false), (3.0, Bone, false)];
         assert_eq!(seen(&closed), [2]);
+        // The same pair inside out, in a wide gap: rounding alone may have turned it.
+        let turned = [
+            (0.5, Gap, true),
+            (1.0, Gap, false),
+            (1.01, Gap, true),
+            (2.0, Gap, false),
+            (3.0, Bone, false),
+        ];
+        assert_eq!(seen(&turned), [0, 3, 4]);
     }
 
     #[test]

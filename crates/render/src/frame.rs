@@ -4,7 +4,7 @@ use crate::csg::{Event, walk};
 use crate::project::{Raster, ScreenTriangle, TILE, bin, project};
 use crate::raster::{Fragment, TileBounds, TileLists, nearest};
 use crate::scene::{Camera, Kind, Scene};
-use crate::shade::{opacity, shade, surface_at};
+use crate::shade::{ahead, opacity, shade, surface_at};
 use crate::vector::{V3, add, dot, scale};
 use rayon::prelude::*;
 
@@ -198,12 +198,15 @@ impl Job<'_> {
         let event = |f: &Fragment| {
             let t = &self.triangles[f.triangle as usize];
             Event {
-                depth: f.depth,
                 kind: t.kind,
                 is_front: t.is_front,
             }
         };
-        walk(list, event, |k| {
+        let ahead_of = |f: &Fragment, other: &Fragment| {
+            let both = [f, other].map(|f| &self.triangles[f.triangle as usize]);
+            ahead(self.scene, self.raster, both, at, f.depth)
+        };
+        walk(list, event, ahead_of, |k| {
             let f = &list[k];
             let t = &self.triangles[f.triangle as usize];
             // What lies within the bone is for transparent bones only.

@@ -52,6 +52,27 @@ pub fn surface_at(
     }
 }
 
+/// How far behind the first triangle's plane the second's is along a sample's ray \[mm\], where it meets the first at `depth`, or nearly so.
+///
+/// From the corners: depths are those of triangles snapped to the raster, and a graphics device's are off by a hundred-thousandth besides.
+pub fn ahead(
+    scene: &Scene,
+    raster: &Raster,
+    both: [&ScreenTriangle; 2],
+    [x, y]: [usize; 2],
+    depth: f32,
+) -> f32 {
+    let [[a, b, c], [p, q, r]] = both.map(|t| {
+        let mesh = &scene.meshes[t.mesh as usize];
+        mesh.triangles[t.triangle as usize].map(|v| mesh.positions[v as usize])
+    });
+    let (n, m) = (cross(sub(b, a), sub(c, a)), cross(sub(q, p), sub(r, p)));
+    let way = raster.ray(x, y);
+    let near = add(sub(raster.camera.eye, a), scale(way, depth));
+    let met = sub(near, scale(way, dot(n, near) / dot(n, way)));
+    dot(m, sub(sub(p, a), met)) / dot(m, way)
+}
+
 /// Barycentric coordinates of the foot of `p`, kept within the triangle.
 fn barycentric([a, b, c]: [V3; 3], p: V3) -> V3 {
     let (u, v, d) = (sub(b, a), sub(c, a), sub(p, a));

@@ -202,10 +202,19 @@ impl Numbers {
 }
 
 /// Triangles of all kinds anywhere, closed by nothing, some of them pairs that are almost closed gaps.
+///
+/// Scene 1 has a pair that leaves being closed along a hundred samples, where depths as the device interpolates them took rows of samples
+/// for the other; scene 4 one so thin that rounding turns it inside out.
 #[test]
 fn any_triangles_of_any_kind() {
     let Some(mut gpu) = shared() else { return };
-    let mut numbers = Numbers(1);
+    for seed in [1, 4] {
+        check_any_triangles(&mut gpu, seed);
+    }
+}
+
+fn check_any_triangles(gpu: &mut Gpu, seed: u32) {
+    let mut numbers = Numbers(seed);
     let kinds = [
         Kind::Bone,
         Kind::Seam,
@@ -213,9 +222,11 @@ fn any_triangles_of_any_kind() {
         Kind::Gap,
         Kind::Within,
         Kind::Solid,
+        Kind::KerfSeam,
+        Kind::GapSeam,
     ];
     let mut shapes = Vec::new();
-    for (i, kind) in kinds.into_iter().cycle().take(60).enumerate() {
+    for kind in kinds.into_iter().cycle().take(64) {
         let (mut positions, mut triangles) = (Vec::new(), Vec::new());
         for _ in 0..5 {
             let corners = [(); 3].map(|()| numbers.point());
@@ -229,11 +240,6 @@ fn any_triangles_of_any_kind() {
                 triangles.push([first + 3, first + 5, first + 4]);
             }
         }
-        let kind = match kind {
-            Kind::Kerf if i % 4 == 0 => Kind::KerfSeam,
-            Kind::Gap if i % 4 == 1 => Kind::GapSeam,
-            shown => shown,
-        };
         shapes.push((kind, positions, triangles));
     }
     let meshes = shapes.iter().map(|(kind, positions, triangles)| Mesh {
@@ -264,7 +270,8 @@ fn any_triangles_of_any_kind() {
                 is_transparent,
             };
             let frame = gpu.frame(&scene, &camera, &options).unwrap();
-            is_twin("any triangles", &frame, &render(&scene, &camera, &options));
+            let name = format!("any triangles, scene {seed}");
+            is_twin(&name, &frame, &render(&scene, &camera, &options));
         }
     }
 }

@@ -424,7 +424,10 @@ impl Gpu {
             ];
             let of = of_64(job.bands.tiles());
             run(device, encoder, &self.passes.begun_tiles, &counted, of);
-            let buffers = [&[uniforms, (5, b.hits.get())][..], &lists, &[tiles]].concat();
+            let g = &self.geometry;
+            let corners = [(1, g.triangles.get()), (3, g.positions.get())];
+            let own = [uniforms, (5, b.hits.get()), tiles];
+            let buffers = [&own[..], &corners, &lists].concat();
             let calls = b.tile_call.get();
             run_counted(device, encoder, &self.passes.first, &buffers, calls);
         }

@@ -7,6 +7,7 @@ const DEFORM: &str = include_str!("shaders/deform.wgsl");
 const PROJECT: &str = include_str!("shaders/project.wgsl");
 const APPEND: &str = include_str!("shaders/append.wgsl");
 const CHOOSE: &str = include_str!("shaders/choose.wgsl");
+const CORNERS: &str = include_str!("shaders/corners.wgsl");
 const SURFACE: &str = include_str!("shaders/surface.wgsl");
 const WALK: &str = include_str!("shaders/walk.wgsl");
 const FIRST: &str = include_str!("shaders/first.wgsl");
@@ -99,9 +100,9 @@ impl Passes {
             begun_tiles: compute("begun_tiles", &[FRAME, CHOOSE]),
             begun: append(device, &lists, ["vertex_chosen", "begun"]),
             nearest: nearest(device, &lists, "nearest"),
-            first: compute("first", &[FRAME, WALK, FIRST]),
-            light: compute("light", &[FRAME, SURFACE, PIXEL, LIGHT]),
-            blend: compute("blend", &[FRAME, SURFACE, WALK, BLEND]),
+            first: compute("first", &[FRAME, CORNERS, WALK, FIRST]),
+            light: compute("light", &[FRAME, CORNERS, SURFACE, PIXEL, LIGHT]),
+            blend: compute("blend", &[FRAME, CORNERS, SURFACE, WALK, BLEND]),
             average: compute("average", &[FRAME, PIXEL, AVERAGE]),
         }
     }

@@ -21,10 +21,24 @@ pub struct KerfSkin {
     pub seams: Vec<[u32; 3]>,
 }
 
+/// Between a triangle of the saw's cut on one side of the slit, and one that closes it off.
+struct Prism {
+    near: [u32; 3],
+    far: [u32; 3],
+    /// Whether the far one is the slit's other side, and not only counts.
+    is_whole: bool,
+    /// Of the sheet's corners.
+    sheet: [u32; 3],
+}
+
 /// The sawn part of all sheets as closed volumes.
+///
+/// Where both sides are of one fragment the slit lies between them. Where fragments have parted, each side has nearly all of it for itself,
+/// closed off by triangles that move with it: a volume from one fragment to the other would sweep through bone beside the slit wherever they
+/// slide along each other. What is between them is the gap's.
 pub fn kerf_skin(body: &CrackedBody, region: &dyn SignedDistance) -> KerfSkin {
     let mut skin = Skin::default();
-    let mut seams = Vec::new();
+    let mut sheets = Vec::new();
     for sheet in &body.crack.sheets {
         let sawn = sawn_part(sheet);
         let normals = normals(&sawn);
@@ -38,28 +52,12 @@ pub fn kerf_skin(body: &CrackedBody, region: &dyn SignedDistance) -> KerfSkin {
         }
         for [a, b, c] in sawn.triangles.iter().map(|t| t.map(|v| v + first)) {
             skin.triangles.extend([[a, b, c], [a + n, c + n, b + n]]);
-        }
-        // Each half of the slit's bottom stays with its own side.
-        let mut middles = HashMap::new();
-        for edge in sawn.border_edges() {
-            let [[pa, pb], [qa, qb]] = edge.map(|v| {
-                *middles.entry(v).or_insert_with(|| {
-                    [first + v, first + v + n].map(|side| {
-                        let cell = skin.anchors[side as usize].cell;
-                        push_with(body, &mut skin, cell, &sawn.vertices[v as usize])
-                    })
-                })
-            });
-            let [p, q] = edge.map(|v| v + first);
-            let halves = [[pa, qa, q], [pa, q, p], [p + n, q + n, qb], [p + n, qb, pb]];
-            skin.triangles.extend(halves);
-            seams.extend([[pb, qb, qa], [pb, qa, pa]]);
+            sheets.push([[a, a + n], [b, b + n], [c, c + n]]);
         }
     }
-    seams.extend(part_fragments(body, &mut skin));
-    for hole in holes(skin.triangles.iter().chain(&seams)) {
-        seams.extend(fan(&hole));
-    }
+    part_fragments(body, &mut skin);
+    let (prisms, middles) = prisms(body, &mut skin, &sheets);
+    let (shown, mut seams) = close(body, &mut skin, &prisms, &middles);
     let is_out = |t: &[u32; 3]| {
         let [a, b, c] = t.map(|v| Vec3::from(skin.rest[v as usize].map(f64::from)));
         let middles = [(a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
@@ -68,10 +66,134 @@ pub fn kerf_skin(body: &CrackedBody, region: &dyn SignedDistance) -> KerfSkin {
             .chain(&middles)
             .all(|p| region.signed(p) > 0.0)
     };
-    let (out, within) = skin.triangles.iter().partition(|t| is_out(t));
+    let (out, within) = shown.iter().partition(|t| is_out(t));
     seams.extend::<Vec<_>>(out);
     skin.triangles = within;
     KerfSkin { skin, seams }
+}
+
+/// The prisms of all triangles, whose sides are the skin's in turn, and for each corner of the sheets, which `sheets` has on both sides,
+/// where it is itself.
+fn prisms(
+    body: &CrackedBody,
+    skin: &mut Skin,
+    sheets: &[[[u32; 2]; 3]],
+) -> (Vec<Prism>, HashMap<u32, Vec3>) {
+    /// What each side has of a parted slit reaches so far beyond the middle \[of its width\]: the gap's faces are near the middle only, and
+    /// the other side's wall must stay clear of it while it has hardly moved.
+    const BEYOND: f64 = 0.4;
+    let rest = |skin: &Skin, v: u32| Vec3::from(skin.rest[v as usize].map(f64::from));
+    let sides = std::mem::take(&mut skin.triangles);
+    let (mut middles, mut closing) = (HashMap::new(), HashMap::new());
+    let mut all = Vec::new();
+    for (corners, both) in sheets.iter().zip(sides.chunks(2)) {
+        let sheet = corners.map(|[v, other]| {
+            middles.insert(v, (rest(skin, v) + rest(skin, other)) / 2.0);
+            v
+        });
+        let [one, [d, f, e]] = [both[0], both[1]];
+        let other = [d, e, f];
+        let piece = |v: u32| piece_of(body, skin.anchors[v as usize].cell);
+        if piece(one[0]) == piece(d) {
+            let (near, far, is_whole) = (one, other, true);
+            all.push(Prism {
+                near,
+                far,
+                is_whole,
+                sheet,
+            });
+            continue;
+        }
+        let mut closed_off = |near: [u32; 3], sheet: [u32; 3]| {
+            let far = [0, 1, 2].map(|k| {
+                *closing.entry(near[k]).or_insert_with(|| {
+                    let (p, middle) = (rest(skin, near[k]), middles[&sheet[k]]);
+                    let cell = skin.anchors[near[k] as usize].cell;
+                    push_with(body, skin, cell, &(middle + (middle - p) * (2.0 * BEYOND)))
+                })
+            });
+            let is_whole = false;
+            Prism {
+                near,
+                far,
+                is_whole,
+                sheet,
+            }
+        };
+        let [a, b, c] = sheet;
+        all.push(closed_off(one, sheet));
+        all.push(closed_off([d, f, e], [a, c, b]));
+    }
+    (all, middles)
+}
+
+/// What is shown of prisms, and what only closes them.
+fn close(
+    body: &CrackedBody,
+    skin: &mut Skin,
+    prisms: &[Prism],
+    middles: &HashMap<u32, Vec3>,
+) -> (Vec<[u32; 3]>, Vec<[u32; 3]>) {
+    let (mut shown, mut seams) = (Vec::new(), Vec::new());
+    // Of each edge of the sheets the prisms' ends there, near and far, as their near triangles run from one to the next.
+    let mut walls: BTreeMap<[u32; 2], Vec<(usize, usize)>> = BTreeMap::new();
+    let edge = |i: usize, k: usize| [k, (k + 1) % 3].map(|k| prisms[i].sheet[k]);
+    for (i, prism) in prisms.iter().enumerate() {
+        shown.push(prism.near);
+        let [d, e, f] = prism.far;
+        if prism.is_whole {
+            &mut shown
+        } else {
+            &mut seams
+        }
+        .push([d, f, e]);
+        for k in 0..3 {
+            let [a, b] = edge(i, k);
+            walls.entry([a.min(b), a.max(b)]).or_default().push((i, k));
+        }
+    }
+    let mut halves = HashMap::new();
+    for of_edge in walls.values() {
+        let ends = |(i, k): (usize, usize)| {
+            [k, (k + 1) % 3].map(|k| [prisms[i].near[k], prisms[i].far[k]])
+        };
+        // A parted triangle of a sheet has two prisms.
+        let n_sides = of_edge
+            .iter()
+            .map(|(i, _)| 1 + usize::from(prisms[*i].is_whole));
+        let is_border = n_sides.sum::<usize>() == 2;
+        for &wall in of_edge {
+            let [p, q] = ends(wall);
+            if of_edge.iter().any(|other| ends(*other) == [q, p]) {
+                continue;
+            }
+            let quad = |[p, q]: [[u32; 2]; 2]| [[q[0], p[0], p[1]], [q[0], p[1], q[1]]];
+            let (i, k) = wall;
+            if !is_border {
+                seams.extend(quad([p, q]));
+            } else if prisms[i].is_whole {
+                // Each half of the slit's bottom stays with its own side.
+                let [[pa, pb], [qa, qb]] = [(p, k), (q, (k + 1) % 3)].map(|(ends, k)| {
+                    *halves.entry(ends).or_insert_with(|| {
+                        let middle = &middles[&prisms[i].sheet[k]];
+                        ends.map(|v| {
+                            let cell = skin.anchors[v as usize].cell;
+                            push_with(body, skin, cell, middle)
+                        })
+                    })
+                });
+                shown.extend(quad([[p[0], pa], [q[0], qa]]));
+                shown.extend(quad([[pb, p[1]], [qb, q[1]]]));
+                seams.extend(quad([[pa, pb], [qa, qb]]));
+            } else {
+                shown.extend(quad([p, q]));
+            }
+        }
+    }
+    for hole in holes(shown.iter().chain(&seams)) {
+        seams.extend(fan(&hole));
+    }
+    (shown, seams)
 }
 
 /// The explicit crack beyond the saw's slit: where the bone broke. A triangle that would span two fragments goes with one of them.
@@ -113,37 +235,23 @@ pub fn unparted(body: &CrackedBody, broken: &Skin, gap: &GapSkin) -> Vec<[u32; 3
     all.filter(|t| !is_parted(t)).copied().collect()
 }
 
-/// Has each triangle go with the fragment of most of its corners; gives what closes the mesh between those that have parted, but for holes
-/// where several meet.
-fn part_fragments(body: &CrackedBody, skin: &mut Skin) -> Vec<[u32; 3]> {
+/// Has each triangle go with the fragment of most of its corners.
+fn part_fragments(body: &CrackedBody, skin: &mut Skin) {
     let mut copies: HashMap<[u32; 2], u32> = HashMap::new();
-    // Of each edge, the triangles' own corners, as they run through them.
-    let mut sides: BTreeMap<[u32; 2], Vec<[u32; 2]>> = BTreeMap::new();
     for i in 0..skin.triangles.len() {
         let t = skin.triangles[i];
         let cells = t.map(|v| skin.anchors[v as usize].cell);
         let of = cells.map(|c| piece_of(body, c));
         // Two of three different ones are as good as any.
         let k = usize::from(of[0] != of[1] && of[0] != of[2]);
-        let own = [0, 1, 2].map(|j| match of[j] == of[k] {
+        skin.triangles[i] = [0, 1, 2].map(|j| match of[j] == of[k] {
             true => t[j],
             false => *(copies.entry([t[j], of[k]])).or_insert_with(|| {
                 let at = Vec3::from(skin.rest[t[j] as usize].map(f64::from));
                 push_with(body, skin, cells[k], &at)
             }),
         });
-        skin.triangles[i] = own;
-        for [a, b] in [[0, 1], [1, 2], [2, 0]] {
-            let edge = [t[a].min(t[b]), t[a].max(t[b])];
-            sides.entry(edge).or_default().push([own[a], own[b]]);
-        }
     }
-    let parted = sides.values().filter_map(|s| match s[..] {
-        [[a, b], [c, d]] if [a, b] != [d, c] => Some([[b, a, d], [b, d, c]]),
-        _ => None,
-    });
-    let is_flat = |t: &[u32; 3]| t[0] == t[1] || t[1] == t[2] || t[2] == t[0];
-    parted.flatten().filter(|t| !is_flat(t)).collect()
 }
 
 /// Whether two cells are of two fragments.

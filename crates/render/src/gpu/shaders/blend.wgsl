@@ -49,11 +49,7 @@ fn blend(@builtin(global_invocation_id) id: vec3<u32>) {
         var is_visible = is_seen(kind, before, counts);
         if kind == GAP {
             if is_visible {
-                var other = gap_before;
-                if is_front(f) {
-                    other = behind(head, f, true);
-                }
-                is_visible = !is_closed(f, other);
+                is_visible = !is_closed(f, gap_before, at) && !is_closed(f, behind(head, f, true), at);
             }
             gap_before = f;
         }

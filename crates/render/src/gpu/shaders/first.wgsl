@@ -40,11 +40,8 @@ fn first(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) 
         var is_visible = is_seen(kind, before, counts);
         if kind == GAP {
             if is_visible {
-                var other = gap_before;
-                if is_front(f) {
-                    other = behind(head, f, true);
-                }
-                is_visible = !is_closed(f, other);
+                let at = vec2<u32>(id.x, id.y + frame.band);
+                is_visible = !is_closed(f, gap_before, at) && !is_closed(f, behind(head, f, true), at);
             }
             gap_before = f;
         }

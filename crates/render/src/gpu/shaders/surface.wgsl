@@ -1,7 +1,5 @@
 // Light on surfaces: twin of shade.rs.
-@group(0) @binding(1) var<storage, read> triangles: array<vec4<u32>>;
 @group(0) @binding(2) var<storage, read> meshes: array<Mesh>;
-@group(0) @binding(3) var<storage, read> positions: array<f32>;
 // Unit normal and position before deformation of each vertex.
 @group(0) @binding(4) var<storage, read> attributes: array<f32>;
 // For each sample: facing and number of the triangle seen first, and its depth's bits; no depth where nothing is.
@@ -20,10 +18,6 @@ const SAWN: u32 = 2u;
 const BROKEN: u32 = 3u;
 const STEEL: u32 = 4u;
 const SIGNAL: u32 = 5u;
-
-fn position_of(v: u32) -> vec3<f32> {
-    return vec3<f32>(positions[3u * v], positions[3u * v + 1u], positions[3u * v + 2u]);
-}
 
 fn normal_of(v: u32) -> vec3<f32> {
     return vec3<f32>(attributes[6u * v], attributes[6u * v + 1u], attributes[6u * v + 2u]);

@@ -52,9 +52,23 @@ fn is_seen(kind: u32, before: vec3<i32>, counts: vec3<i32>) -> bool {
         || ((kind == KERF || kind == GAP) && of_cut) || (kind == WITHIN && counts.x > 0);
 }
 
+// How far behind one fragment's plane another's is along a sample's ray: twin of the same in shade.rs.
+fn ahead(face: vec2<u32>, other: vec2<u32>, at: vec2<u32>) -> f32 {
+    let t = triangles[face.y & TRIANGLE];
+    let o = triangles[other.y & TRIANGLE];
+    let corner = position_of(t.x);
+    let first = position_of(o.x);
+    let n = cross(position_of(t.y) - corner, position_of(t.z) - corner);
+    let m = cross(position_of(o.y) - first, position_of(o.z) - first);
+    let way = ray(at);
+    var p = (frame.eye - corner) + way * bitcast<f32>(face.x);
+    p -= way * (dot(n, p) / dot(n, way));
+    return dot(m, (first - corner) - p) / dot(m, way);
+}
+
 // Whether `other`, the next face of the crack, is right at this one.
-fn is_closed(face: vec2<u32>, other: vec2<u32>) -> bool {
+fn is_closed(face: vec2<u32>, other: vec2<u32>, at: vec2<u32>) -> bool {
     return other.x != NONE.x && is_front(other) != is_front(face)
-        && abs(bitcast<f32>(other.x) - bitcast<f32>(face.x)) < CLOSED;
+        && abs(ahead(face, other, at)) < CLOSED;
 }
 
