@@ -5,7 +5,8 @@
 //! and grows by 8 steps of .8 h. By Amestoy and Leblond a kink of 20 degrees under mode I gives up 6 % of G, and one back to level from 20
 //! degrees gains as much: ten times tougher walls hold the crack in the band, walls 2 % tougher do not turn it.
 //!
-//! Measured: see the limits; without a look ahead the crack leaves the band within three steps and keeps level.
+//! Measured: the front's middle at most 1.4 mm off the band's, rising by 21 to 26 degrees once it has met the wall. Without a look ahead it keeps
+//! level between the same walls and is out of the band after four steps.
 #![allow(clippy::print_stderr)] // figures, seen with --nocapture
 mod support;
 use osteotome_mechanics::crack::growth::GrowthLengths;
