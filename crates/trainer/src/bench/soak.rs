@@ -24,6 +24,7 @@ impl Soak {
         self.sessions += 1;
         self.pace.steps += haptic.steps;
         self.pace.missed += haptic.missed;
+        self.pace.overran += haptic.overran;
         self.pace.seconds += haptic.seconds;
         self.pace.latest_us = self.pace.latest_us.max(haptic.latest_us);
         self.haptic.append(&paced.haptic_times);
@@ -36,7 +37,8 @@ impl Soak {
         let (pace, t) = (&self.pace, self.haptic.in_short()?);
         let [main, propagation] = self.others.map(|n| n as f64 / pace.seconds);
         Some(format!(
-            "{:.0} s in real time, {} sessions: {} of {} haptic deadlines missed ({:.4} %), the latest by {:.2} ms.\n\
+            "{:.0} s in real time, {} sessions: {} of {} haptic deadlines missed ({:.4} %), the latest by {:.2} ms; {} by steps that \
+             took longer than their period themselves.\n\
              Haptic step {:.3} ms on average, {:.3} at the median, {:.3} at the 99th percentile, {:.3} at most; main loop {main:.1} Hz, propagation {propagation:.0} looks a second.",
             pace.seconds,
             self.sessions,
@@ -44,6 +46,7 @@ impl Soak {
             pace.steps,
             100.0 * pace.missed as f64 / pace.steps as f64,
             1e-3 * pace.latest_us,
+            pace.overran,
             t.mean,
             t.median,
             t.p99,

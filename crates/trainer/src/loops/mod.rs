@@ -713,6 +713,7 @@ pub(crate) mod tests {
         }
         let (_, pace) = kept.pace.iter().find(|p| p.0 == Loop::Haptic).unwrap();
         assert!(pace.latest_us > 30_000.0 && pace.missed > 0);
+        assert!((1..=pace.missed).contains(&pace.overran), "{pace:?}");
     }
 
     /// Ends it in a way that says why, in the recording too, and keeps what was recorded.

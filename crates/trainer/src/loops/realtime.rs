@@ -167,6 +167,8 @@ struct Pacer {
     start: Instant,
     next: Instant,
     period: Duration,
+    /// When the step under way began.
+    woke: Instant,
     sleeper: spin_sleep::SpinSleeper,
     pace: Pace,
 }
@@ -181,6 +183,7 @@ impl Pacer {
             start,
             next: start + period,
             period,
+            woke: start,
             sleeper: spin_sleep::SpinSleeper::default(),
             pace: Pace::default(),
         }
@@ -196,13 +199,15 @@ impl Pacer {
             self.sleeper.sleep_until(self.next);
         } else {
             self.pace.missed += 1;
+            self.pace.overran += u64::from(now - self.woke > self.period);
             self.pace.latest_us = self.pace.latest_us.max(late.as_secs_f64() * 1e6);
             if is_behind {
                 self.next = now;
             }
         }
         self.next += self.period;
-        self.pace.seconds = self.start.elapsed().as_secs_f64();
+        self.woke = Instant::now();
+        self.pace.seconds = (self.woke - self.start).as_secs_f64();
         is_behind.then_some(late)
     }
 
@@ -213,6 +218,7 @@ impl Pacer {
         let now = Instant::now();
         self.start += now - before;
         self.next = now + self.period;
+        self.woke = now;
     }
 }
 

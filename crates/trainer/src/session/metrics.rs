@@ -223,6 +223,9 @@ pub struct Pace {
     pub seconds: f64,
     /// Deadlines missed.
     pub missed: u64,
+    /// Of those, by steps that took longer than a period themselves: the others began too late, after such a step or because the
+    /// system woke the loop late.
+    pub overran: u64,
     /// How long after its deadline the latest step ended \[us\].
     pub latest_us: f64,
 }
