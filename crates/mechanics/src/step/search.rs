@@ -10,14 +10,28 @@ use crate::crack::stress_intensity::Station;
 use crate::crack::{BodyError, EvaluatedFront};
 use crate::geometry::Vec3;
 
-/// Where no growth pays though the body's energy would pay so many times for it, K is wrong. Below, the load may well have to rise.
-pub(super) const RESERVE: f64 = 10.0;
+/// Where no growth pays though the body's energy would pay so many times for it, K is wrong. Below, the load may well have to rise,
+const RESERVE: f64 = 10.0;
+/// as it may where a growth sets free this share of the body's energy. What is stored grows with the lever between load and front, and
+/// with it what a growth costs is a smaller part of it: the arms of a beam give up a tenth over an increment when the crack is thirty
+/// increments long (U goes with a^-3).
+const SHARE: f64 = 0.05;
 /// Fronts that are driven less than this are left alone.
 const LEAST: f64 = 0.1;
 /// Turns off the front's own plane, or off its kink \[deg\]: no criterion kinks by more.
 const TURNS: [f64; 7] = [0.0, 25.0, -25.0, 50.0, -50.0, 75.0, -75.0];
 /// How far a front moves, in increments.
 const FAR: [f64; 2] = [1.0, 2.0];
+
+/// Whether K is so wrong that a growth has to be sought.
+pub(super) fn is_due(balance: &Balance) -> bool {
+    is_stuck(balance.reserve(), balance.best())
+}
+
+/// For so many of the dearest growth the energy would pay, and such a share of its cost the best sets free.
+fn is_stuck(reserve: f64, best: f64) -> bool {
+    reserve >= RESERVE && best < SHARE * reserve
+}
 
 /// The growth of one front that gains most; none if none pays.
 pub(super) fn best(
