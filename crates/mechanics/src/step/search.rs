@@ -40,13 +40,24 @@ pub(super) fn best(
     drives: &FrontDrives,
     lengths: &GrowthLengths,
 ) -> Result<Option<Trial>, BodyError> {
-    let mut best = None;
-    for (front, drives) in fronts.iter().zip(&drives.smooth) {
+    let of_front = |(front, drives): (&'_ EvaluatedFront, &'_ Vec<Drive>)| {
         let largest = drives.iter().fold(0.0, |most: f64, d| d.ratio.max(most));
-        if largest >= LEAST {
-            let ways = ways(&front.stations, drives, largest, lengths.increment);
-            best = most_gaining(best, balance.best_way(&front.front, ways)?);
-        }
+        let ways = ways(&front.stations, drives, largest, lengths.increment);
+        (largest >= LEAST).then(|| (front.front.clone(), ways.collect::<Vec<_>>()))
+    };
+    let all = fronts.iter().zip(&drives.smooth).filter_map(of_front);
+    let all: Vec<_> = all.collect();
+    // What was tried may have been no more than some millimetres of a front that K drives far harder than the others: what is stored is
+    // set against a whole front's growth.
+    for (front, ways) in &all {
+        balance.weigh(balance.advanced(front, &ways[0]))?;
+    }
+    if !is_due(balance) {
+        return Ok(None);
+    }
+    let mut best = None;
+    for (front, ways) in all {
+        best = most_gaining(best, balance.best_way(&front, ways)?);
     }
     Ok(best)
 }
