@@ -2,8 +2,8 @@
 //!
 //! Two pairs of forces push the crack's faces apart where the built-in surgeon's chisels go in. They are as large as the crack's next
 //! step needs, no larger: the load rises until the crack grows, and is lowered again after each growth. `kept`, the pairs stay at
-//! the bottom of the saw's slit and open it alike; where a plate has come off they go to the nearest place along the ridge that still
-//! has both walls, or as high in the crack as there is a hold. `driven`, they follow the crack's front as far as a chisel reaches.
+//! the bottom of the saw's slit; where a plate has come off they go to the nearest place along the ridge that still has both walls, or as
+//! high in the crack as there is a hold. `driven`, they follow the crack's front as far as a chisel reaches.
 mod pairs;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -191,7 +191,7 @@ impl Study {
         self.bone.under_loads(&loads, &mut FaceContact::default())
     }
 
-    /// Forces of 1 N a pair, on average, to either side.
+    /// Forces of 1 N to either side at each of the two places.
     fn pairs(&self) -> Option<Vec<CellForce>> {
         let holds = Holds::new(&self.bone, &self.line);
         let forces = match self.strategy {

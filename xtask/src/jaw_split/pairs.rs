@@ -30,8 +30,8 @@ enum Hold {
     Beyond,
 }
 
-/// One of the two walls: how deep each face lies, and the force that pushes on it, as large as its area.
-type Side = Vec<(f64, CellForce)>;
+/// How deep each face of a wall lies, and the force that pushes on it, as large as its area.
+type Wall = Vec<(f64, CellForce)>;
 
 /// A bone and the line along which it was sawn.
 pub(super) struct Holds<'a> {
@@ -56,49 +56,36 @@ impl<'a> Holds<'a> {
 
     /// A pair that follows the crack's front at each station, 1 N to either side.
     pub(super) fn driven(&self, stations: [f64; 2]) -> Vec<CellForce> {
-        let sides = stations.map(|s| self.sides(self.line.on_ridge(s), Hold::Front));
-        let held = sides.iter().filter(|[a, b]| !a.is_empty() && !b.is_empty());
-        held.flatten().flat_map(|side| at_the_tip(side)).collect()
+        let walls = stations.map(|s| self.walls(self.line.on_ridge(s), Hold::Front));
+        let held = walls.iter().filter(|w| w.iter().all(|w| !w.is_empty()));
+        held.flatten().flat_map(at_the_tip).collect()
     }
 
-    /// Pairs at the bottom of the slit, together 1 N a pair to either side. A blade stays where it is put while both walls are there,
-    /// then goes to the nearest place along the ridge where they are. Both are twisted alike: they open the slit by the same width, and
-    /// the one that meets more carries more.
+    /// Pairs at the bottom of the slit, 1 N to either side. A blade stays where it is put while both walls are there, then goes to the
+    /// nearest place along the ridge where they are.
     pub(super) fn kept(&self, stations: [f64; 2]) -> Vec<CellForce> {
         let wanted = stations.map(|s| self.line.on_ridge(s));
-        let mut placed: Vec<(f64, Vec<CellForce>)> = Vec::new();
-        let in_slit = |s: f64| self.blade(&self.sides(s, Hold::Slit));
-        placed.extend(wanted.iter().filter_map(|s| Some((*s, in_slit(*s)?))));
+        let in_slit = |s: f64| blade(&self.walls(s, Hold::Slit));
+        let stays = wanted.iter().filter_map(|s| Some((*s, in_slit(*s)?)));
+        let mut pairs: Vec<(f64, Vec<CellForce>)> = stays.collect();
         for s in wanted {
-            if placed.iter().any(|p| p.0 == s) {
+            if pairs.iter().any(|p| p.0 == s) {
                 continue;
             }
-            let beside = |to: &f64| placed.iter().all(|p| (p.0 - to).abs() >= WIDTH);
-            let mut ways = self.along_ridge(s).filter(beside);
-            let moved = ways.find_map(|to| Some((to, in_slit(to)?)));
-            placed.extend(moved);
+            let is_free = |to: &f64| pairs.iter().all(|p| (p.0 - to).abs() >= WIDTH);
+            let mut places = along(self.line.ridge(), s).filter(is_free);
+            let moved = places.find_map(|to| Some((to, in_slit(to)?)));
+            pairs.extend(moved);
         }
-        if placed.is_empty() {
-            let beyond = |s: &f64| self.blade(&self.sides(*s, Hold::Beyond));
-            placed.extend(wanted.iter().filter_map(|s| Some((*s, beyond(s)?))));
+        if pairs.is_empty() {
+            let beyond = |s: &f64| Some((*s, blade(&self.walls(*s, Hold::Beyond))?));
+            pairs.extend(wanted.iter().filter_map(beyond));
         }
-        let pairs: Vec<_> = placed.into_iter().map(|p| p.1).collect();
-        let shares = shares(&self.compliance(&pairs));
-        let scaled = |(pair, share): (&Vec<CellForce>, f64)| scaled(pair, share);
-        pairs.iter().zip(shares).flat_map(scaled).collect()
-    }
-
-    /// Places along the ridge, the nearest to `s` first.
-    fn along_ridge(&self, s: f64) -> impl Iterator<Item = f64> + use<> {
-        let [first, last] = self.line.ridge();
-        let n = ((last - first) / STRIDE) as i32;
-        let offsets = (1..=n).flat_map(|k| [f64::from(k), -f64::from(k)]);
-        let places = offsets.map(move |k| s + k * STRIDE);
-        places.filter(move |p| (first..=last).contains(p))
+        pairs.into_iter().flat_map(|p| p.1).collect()
     }
 
     /// The two walls at arc length `s`: what a chisel would push on there, past chips that have come loose.
-    fn sides(&self, s: f64, hold: Hold) -> [Side; 2] {
+    fn walls(&self, s: f64, hold: Hold) -> [Wall; 2] {
         let bone = self.bone;
         let behind = BEHIND.max(CLEAR * bone.body.lengths.h);
         let is_behind = |p: &FacePlace| {
@@ -107,7 +94,7 @@ impl<'a> Holds<'a> {
         };
         let (frame, slit) = (self.line.frame(s, WIDTH), self.line.mark(s).depth);
         let across = frame.rotation * Vec3::y();
-        let mut sides: [Side; 2] = Default::default();
+        let mut walls: [Wall; 2] = Default::default();
         for (i, p) in bone.faces.places(bone).enumerate() {
             let place = frame.inverse_transform_point(&p.position.into());
             let faces = bone.faces.push_apart(i, p.area);
@@ -130,33 +117,10 @@ impl<'a> Holds<'a> {
                     // A blade's face is flat.
                     face.force = across * push;
                 }
-                sides[usize::from(push > 0.0)].push((depth, face));
+                walls[usize::from(push > 0.0)].push((depth, face));
             }
         }
-        sides
-    }
-
-    /// A blade as deep as it lies against both walls, 1 N to either side; none where it would stand on an edge.
-    fn blade(&self, sides: &[Side; 2]) -> Option<Vec<CellForce>> {
-        let tip = sides.iter().map(|side| deepest(side)).reduce(f64::min)?;
-        let mut pair = Vec::new();
-        for side in sides {
-            let below = side.iter().filter(|f| f.0 <= tip && f.0 >= tip - HEIGHT);
-            let below: Vec<CellForce> = below.map(|f| f.1).collect();
-            let area: f64 = below.iter().map(|f| f.force.norm()).sum();
-            if area < LEAST_CONTACT * WIDTH * HEIGHT {
-                return None;
-            }
-            pair.extend(scaled(&below, 1.0 / area));
-        }
-        Some(pair)
-    }
-
-    /// By how much 1 N at each pair opens each \[mm/N\].
-    fn compliance(&self, pairs: &[Vec<CellForce>]) -> Vec<f64> {
-        let columns = pairs.iter().map(|p| self.bone.sparse_loads(p));
-        let half = self.bone.system.half_solve(&columns.collect::<Vec<_>>());
-        half.compliance(&half)
+        walls
     }
 
     /// Whether a face hangs on one of the two ends: to push on what has come loose moves it, no more.
@@ -171,58 +135,82 @@ impl<'a> Holds<'a> {
     }
 }
 
-/// Forces under which all pairs open alike, one on average. A pair that another opens farther than it would itself is left out.
-fn shares(compliance: &[f64]) -> Vec<f64> {
-    match compliance {
-        [a, b, _, c] => {
-            let forces = [(c - b).max(0.0), (a - b).max(0.0)];
-            let all = forces[0] + forces[1];
-            forces.map(|f| 2.0 * f / all).to_vec()
+/// Places on a ridge, the nearest to `s` first.
+fn along([first, last]: [f64; 2], s: f64) -> impl Iterator<Item = f64> {
+    let n = ((last - first) / STRIDE) as i32;
+    let offsets = (1..=n).flat_map(|k| [f64::from(k), -f64::from(k)]);
+    let places = offsets.map(move |k| s + k * STRIDE);
+    places.filter(move |p| (first..=last).contains(p))
+}
+
+/// A blade as deep as it lies against both walls, 1 N to either side; none where it would stand on an edge.
+fn blade(walls: &[Wall; 2]) -> Option<Vec<CellForce>> {
+    let tip = deepest(&walls[0]).min(deepest(&walls[1]));
+    let mut pair = Vec::new();
+    for wall in walls {
+        let below = wall.iter().filter(|f| f.0 <= tip && f.0 >= tip - HEIGHT);
+        let below: Vec<CellForce> = below.map(|f| f.1).collect();
+        let area: f64 = below.iter().map(|f| f.force.norm()).sum();
+        if area < LEAST_CONTACT * WIDTH * HEIGHT {
+            return None;
         }
-        one => vec![1.0; one.len()],
+        pair.extend(scaled(below, 1.0 / area));
     }
-}
-
-fn deepest(side: &Side) -> f64 {
-    side.iter().map(|s| s.0).fold(f64::NEG_INFINITY, f64::max)
-}
-
-fn scaled(forces: &[CellForce], by: f64) -> Vec<CellForce> {
-    let scaled = |f: &CellForce| CellForce {
-        force: f.force * by,
-        ..*f
-    };
-    forces.iter().map(scaled).collect()
+    Some(pair)
 }
 
 /// The forces that lie deepest, together 1 N.
-fn at_the_tip(side: &Side) -> Vec<CellForce> {
-    let deepest = deepest(side);
-    let tip = side.iter().filter(|s| s.0 >= deepest - HEIGHT);
-    let tip: Vec<CellForce> = tip.map(|s| s.1).collect();
+fn at_the_tip(wall: &Wall) -> impl Iterator<Item = CellForce> {
+    let deepest = deepest(wall);
+    let tip = wall.iter().filter(|f| f.0 >= deepest - HEIGHT);
+    let tip: Vec<CellForce> = tip.map(|f| f.1).collect();
     let area: f64 = tip.iter().map(|f| f.force.norm()).sum();
-    tip.iter()
-        .map(|face| CellForce {
-            force: face.force / area,
-            ..*face
-        })
-        .collect()
+    scaled(tip, 1.0 / area)
+}
+
+fn deepest(wall: &Wall) -> f64 {
+    wall.iter().map(|f| f.0).fold(f64::NEG_INFINITY, f64::max)
+}
+
+fn scaled(forces: Vec<CellForce>, by: f64) -> impl Iterator<Item = CellForce> {
+    forces.into_iter().map(move |f| CellForce {
+        force: f.force * by,
+        ..f
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn wall(depths: &[f64], push: f64) -> Wall {
+        let face = |depth: &f64| {
+            let face = CellForce {
+                cell: 0,
+                weights: [0.25; 4],
+                force: Vec3::y() * push,
+            };
+            (*depth, face)
+        };
+        depths.iter().map(face).collect()
+    }
+
+    /// One wall has lost what lay deepest, and most of the rest: the blade lies higher on the other, pushes both ways alike, and is gone
+    /// where next to nothing is left for it.
     #[test]
-    fn two_blades_open_the_slit_alike() {
-        let opening = |c: &[f64; 4], f: &[f64]| [0, 1].map(|i| c[i] * f[0] + c[2 + i] * f[1]);
-        let stiff_and_soft = [2.0, 0.5, 0.5, 8.0];
-        let forces = shares(&stiff_and_soft);
-        let [a, b] = opening(&stiff_and_soft, &forces);
-        assert!((a - b).abs() < 1e-12 && (forces[0] + forces[1] - 2.0).abs() < 1e-12);
-        assert!((forces[0] / forces[1] - 5.0).abs() < 1e-12);
-        // The second alone opens the first, which hangs on it, farther than itself.
-        assert_eq!(shares(&[4.0, 3.0, 3.0, 2.5]), [0.0, 2.0]);
-        assert_eq!(shares(&[3.0]), [1.0]);
+    fn a_blade_lies_against_both_walls_or_is_moved() {
+        let whole = wall(&[0.5, 1.5, 2.5, 3.5], -4.0);
+        let pair = blade(&[whole.clone(), wall(&[0.5, 1.5], 3.0)]).unwrap();
+        let sum: Vec3 = pair.iter().map(|f| f.force).sum();
+        let pushed: f64 = pair.iter().map(|f| f.force.norm()).sum();
+        assert!(sum.norm() < 1e-12 && (pushed - 2.0).abs() < 1e-12 && pair.len() == 4);
+        assert_eq!(blade(&[whole.clone(), wall(&[0.5], 3.0)]), None);
+        assert_eq!(blade(&[whole, Wall::new()]), None);
+    }
+
+    #[test]
+    fn a_blade_is_moved_no_farther_than_it_has_to_be() {
+        let places: Vec<f64> = along([10.0, 14.0], 11.5).collect();
+        assert_eq!(places, [12.5, 10.5, 13.5]);
     }
 }
