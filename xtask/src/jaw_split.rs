@@ -2,8 +2,10 @@
 //!
 //! Two pairs of forces push the crack's faces apart where the built-in surgeon's chisels go in. They are as large as the crack's next
 //! step needs, no larger: the load rises until the crack grows, and is lowered again after each growth. `kept`, the pairs stay at
-//! the bottom of the saw's slit, or as high in the crack as there is a hold once a plate has come off; `driven`, they follow the
-//! crack's front as far as a chisel reaches.
+//! the bottom of the saw's slit; where a plate has come off they go to the nearest place along the ridge that still has both walls, or as
+//! high in the crack as there is a hold. `driven`, they follow the crack's front as far as a chisel reaches.
+mod pairs;
+
 use anyhow::{Context, Result, bail, ensure};
 use osteotome::engine::{Prepared, final_bone, prepare};
 use osteotome::scenario::{Override, Scenario, Source, load};
@@ -18,21 +20,11 @@ use osteotome_mechanics::geometry::{MeshDistance, TetLocator, Vec3};
 use osteotome_mechanics::step::{
     Body, Bone, BoneState, FaceContact, FacePlace, PropagationSettings, propagation_step,
 };
+use pairs::Holds;
 use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Width of what a pair of forces acts on, along the line \[mm\]: a chisel's.
-const WIDTH: f64 = 6.0;
-/// Its height, along the way in \[mm\].
-const HEIGHT: f64 = 3.0;
-/// Driven pairs stay this far behind the front \[mm\], or `CLEAR` element sizes: elements at the front do not open. They go no deeper
-/// into the bone than `DEEPEST` \[mm\].
-const BEHIND: f64 = 3.0;
-const CLEAR: f64 = 1.2;
-const DEEPEST: f64 = 25.0;
-/// The crack may lie this far off the blade's plane \[mm\].
-const ASIDE: f64 = 8.0;
 /// The load after a growth, as a share of what it took; and by how much it rises while nothing grows.
 const LOWERED: f64 = 0.8;
 const RAISED: f64 = 1.1;
@@ -48,17 +40,6 @@ const USAGE: &str = "give jaw-split SCENARIO kept|driven OUT [plan=SURFACE.stl] 
 enum Strategy {
     Kept,
     Driven,
-}
-
-/// What a pair of forces holds on to.
-#[derive(Clone, Copy)]
-enum Hold {
-    /// The bottom of the slit.
-    Slit,
-    /// What is deepest, behind the crack's front.
-    Front,
-    /// What of the crack lies highest: where all that the slit's walls were has come off.
-    Beyond,
 }
 
 /// One growth.
@@ -210,71 +191,14 @@ impl Study {
         self.bone.under_loads(&loads, &mut FaceContact::default())
     }
 
-    /// Forces of 1 N to either side at each of the two places: on what a chisel would push there, past chips that have come loose.
+    /// Forces of 1 N to either side at each of the two places.
     fn pairs(&self) -> Option<Vec<CellForce>> {
-        match self.strategy {
-            Strategy::Kept => (self.pairs_in(Hold::Slit)).or_else(|| self.pairs_in(Hold::Beyond)),
-            Strategy::Driven => self.pairs_in(Hold::Front),
-        }
-    }
-
-    fn pairs_in(&self, hold: Hold) -> Option<Vec<CellForce>> {
-        let bone = &self.bone;
-        let fronts: Vec<Vec3> = (bone.fronts().iter())
-            .flat_map(|f| {
-                let vertices = &bone.crack.sheets[f.sheet].mesh.vertices;
-                f.vertices.iter().map(|&v| vertices[v as usize])
-            })
-            .collect();
-        let behind = BEHIND.max(CLEAR * bone.body.lengths.h);
-        let is_behind = |p: &FacePlace| {
-            let far = |f: &Vec3| (f - p.position).norm() >= behind;
-            fronts.iter().all(far)
+        let holds = Holds::new(&self.bone, &self.line);
+        let forces = match self.strategy {
+            Strategy::Kept => holds.kept(self.stations),
+            Strategy::Driven => holds.driven(self.stations),
         };
-        let mut loads = Vec::new();
-        for share in self.stations {
-            let s = self.line.on_ridge(share);
-            let (frame, slit) = (self.line.frame(s, WIDTH), self.line.mark(s).depth);
-            let across = frame.rotation * Vec3::y();
-            // Depths and forces, in proportion to the faces' areas.
-            let mut sides: [Vec<(f64, CellForce)>; 2] = Default::default();
-            for (i, p) in bone.faces.places(bone).enumerate() {
-                let place = frame.inverse_transform_point(&p.position.into());
-                let faces = bone.faces.push_apart(i, p.area);
-                let held = faces.map(|f| self.is_held(&f));
-                // A loose chip's bed is the slit's new wall.
-                let in_slit = place.z <= slit && (p.gap > 0.0 || held.contains(&false));
-                let in_crack = place.z <= DEEPEST && is_behind(&p);
-                let (is_hold, depth) = match hold {
-                    Hold::Slit => (in_slit, place.z),
-                    Hold::Front => (in_slit || in_crack, place.z),
-                    Hold::Beyond => (in_crack, -place.z),
-                };
-                let may = is_hold
-                    && place.x.abs() <= 0.5 * WIDTH
-                    && place.y.abs() <= ASIDE
-                    && across.dot(&p.normal).abs() > 0.5;
-                for (face, _) in faces.into_iter().zip(held).filter(|(_, held)| may && *held) {
-                    let side = usize::from(face.force.dot(&across) > 0.0);
-                    sides[side].push((depth, face));
-                }
-            }
-            if sides.iter().all(|side| !side.is_empty()) {
-                loads.extend(sides.iter().flat_map(|side| at_the_tip(side)));
-            }
-        }
-        (!loads.is_empty()).then_some(loads)
-    }
-
-    /// Whether a face hangs on one of the two ends: to push on what has come loose moves it, no more.
-    fn is_held(&self, face: &CellForce) -> bool {
-        let bone = &self.bone;
-        let pieces = &bone.fragments.of_node;
-        let cell = &bone.topology.cells()[face.cell as usize];
-        let own = (0..4).find(|k| cell.mask >> k & 1 == 1).unwrap_or(0);
-        let piece = pieces[bone.body.mesh.tets()[cell.tet as usize][own] as usize];
-        let mut ends = bone.body.ends.iter().filter_map(|e| e.first());
-        ends.any(|&n| pieces[n as usize] == piece)
+        (!forces.is_empty()).then_some(forces)
     }
 
     /// Where the bone broke.
@@ -345,18 +269,6 @@ impl Study {
         }
         Ok(())
     }
-}
-
-/// The forces that lie deepest, together 1 N.
-fn at_the_tip(side: &[(f64, CellForce)]) -> Vec<CellForce> {
-    let deepest = side.iter().map(|s| s.0).fold(f64::NEG_INFINITY, f64::max);
-    let tip = side.iter().filter(|s| s.0 >= deepest - HEIGHT);
-    let area: f64 = tip.clone().map(|s| s.1.force.norm()).sum();
-    let share = |(_, face): &(f64, CellForce)| CellForce {
-        force: face.force / area,
-        ..*face
-    };
-    tip.map(share).collect()
 }
 
 /// Mean by area and largest of distances \[mm\].

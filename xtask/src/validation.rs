@@ -39,9 +39,13 @@ const TORSION: &str = "
 `crates/mechanics/tests/torsion_growth.rs`: prism 100 x 100 x 270 mm, notch 50 mm deep at 45 degrees, E 35 GPa, nu .2, G_c .08 N/mm
 (geometry and material as MoFEM describes the test). The crack's surface is curved and antisymmetric (.14 h rms). Torque for
 G = G_c: 795 N m at the notch, its peak, then 589, 501, 398, 300, 223, 140 N m while the front crosses the section, steps of
-8.8 mm. A published peak to stand beside it was looked for in web pages, documentation and public code (Brokenshire 1996;
-Jefferson, Barr, Bennett & Hee 2004; Gasser & Holzapfel 2006; Areias & Belytschko 2005; MoFEM's benchmark) and not found: what
-was found gives geometry and material, but neither the rig's load nor its lever arm.
+8.8 mm. The rig's lever arm is published: its load applicators stand 250 mm apart across the specimen, one of them loaded (MoFEM, wiki,
+\"Concrete torsion test\"), so that by statics the load is the torque over 250 mm: **3.2 kN** at the notch, then 2.4, 2.0, 1.6, 1.2, .9 and .6 kN.
+The measured peak itself was looked for again in web pages, documentation and public code (Brokenshire 1996; Jefferson, Barr,
+Bennett & Hee 2004; Gasser & Holzapfel 2006; Areias & Belytschko 2005; Kaczmarczyk et al. 2014 and 2017; FRACMATH and a phase-field
+code that compute the test) and not found: all show it in figures only, none gives it in words or tables. It must lie below
+ours: with f_t 2.3 MPa the length E G_c / f_t^2 is 530 mm, ten times the ligament, and linear fracture mechanics, which knows no strength, is
+then an upper bound.
 ";
 
 /// Recorded, not measured anew: a peer is not part of the build.

@@ -8,7 +8,7 @@
 //!
 //! Measured: torque for G_max = G_c 795 N m at the notch, falling at every step while the front crosses the section (140 N m with
 //! 10 mm left, less than one element, where it stands still within 2 %): the peak is where the crack starts. No published peak
-//! stands beside it: geometry and material could be checked (MoFEM's account of the test), the load of the rig or its lever arm not.
+//! stands beside it: geometry, material and the lever arm of 250 mm could be checked (MoFEM's account of the test), the measured load not.
 #![allow(clippy::print_stderr)] // figures for docs/validation.md, seen with --nocapture
 mod support;
 use osteotome_mechanics::crack::growth::GrowthLengths;

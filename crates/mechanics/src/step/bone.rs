@@ -309,12 +309,17 @@ mod tests {
     }
 
     fn dragged_block(drag: f64) -> Bone {
-        let mesh = block_mesh(Vec3::zeros(), Vec3::repeat(12.0), [6, 6, 6]);
         let supports = Supports {
             ground_spring: 1.0,
             drag,
             ..Default::default()
         };
+        sawn(Vec3::repeat(12.0), [6, 6, 6], supports, 4.0)
+    }
+
+    /// Sawn from its face at x = 0 as deep as `depth`, in a plane a little below its middle.
+    fn sawn(size: Vec3, divisions: [usize; 3], supports: Supports, depth: f64) -> Bone {
+        let mesh = block_mesh(Vec3::zeros(), size, divisions);
         let solid = Solid {
             locator: TetLocator::new(&mesh),
             materials: vec![TetMaterial::isotropic(1000.0, 0.3, 0.1); mesh.tets().len()],
@@ -323,18 +328,18 @@ mod tests {
             mesh,
         };
         let point = |z: f64| LinePoint {
-            at: Vec3::new(0.0, 5.3, z),
+            at: Vec3::new(0.0, size.y / 12.0 * 5.3, z),
             toward: Vec3::x(),
-            depth: 4.0,
+            depth,
         };
-        let line = [point(0.0), point(6.0), point(12.0)];
+        let line = [point(0.0), point(0.5 * size.z), point(size.z)];
         let saw = Sheet::ribbon("saw", &line, 0.6, 1.0, 1.0);
         let body = Body {
             surface: boundary_points(&solid.mesh, 6),
-            ends: [vec![0], vec![6]],
+            ends: [vec![0], vec![divisions[0] as u32]],
             region: Region(Arc::new(Aabb {
                 min: Vec3::zeros(),
-                max: Vec3::repeat(12.0),
+                max: size,
             })),
             wall_density: 10.0,
             solid: Arc::new(solid),
@@ -480,6 +485,41 @@ mod tests {
         );
         assert!(wrong < 0.5 * gain, "{wrong} of {gain}");
         assert_eq!(found(0.03).0, None);
+    }
+
+    /// The arms of a long beam, pushed apart at their ends, store ten times and more what a growth costs just before they grow: the load
+    /// has to rise a little, no other growth to be sought. Where what was tried sets next to nothing free, it has.
+    #[test]
+    fn a_long_lever_is_no_wrong_k() {
+        let held = Supports {
+            ground_spring: 1e-6,
+            ..Default::default()
+        };
+        let bone = sawn(Vec3::new(60.0, 8.0, 4.0), [60, 8, 4], held, 52.0);
+        let lengths = &bone.body.lengths;
+        let places: Vec<_> = bone.faces.places(&bone).collect();
+        let at_ends = |force: f64| -> Vec<CellForce> {
+            let ends = (0..places.len()).filter(|i| places[*i].position.x < 3.0);
+            let pushed = |i: usize| bone.faces.push_apart(i, force * places[i].area);
+            ends.flat_map(pushed).collect()
+        };
+        let weighed = |force: f64, turn: f64| {
+            let state = bone.under_loads(&at_ends(force), &mut FaceContact::default());
+            let fronts = bone.evaluate_fronts(&state.x, &state.loads, 0.0);
+            let mut drives = FrontDrives::new(&fronts, lengths);
+            drives.smooth[0].iter_mut().for_each(|d| d.kink += turn);
+            let moves = drives.moves(&fronts, lengths, 0.0).swap_remove(0);
+            let balance = Balance::new(&bone.cracked, &state);
+            let growth = bone.advanced(&[(&fronts[0].front, &moves)]);
+            let ratio = balance.weigh(growth).unwrap().unwrap().ratio;
+            (ratio, balance.reserve(), search::is_due(&balance))
+        };
+        let just_below = (0.9 / weighed(1.0, 0.0).0).sqrt();
+        let (ratio, reserve, is_due) = weighed(just_below, 0.0);
+        assert!((0.85..0.95).contains(&ratio), "{ratio}");
+        assert!(reserve >= 10.0 && !is_due, "{reserve}");
+        let (ratio, reserve, is_due) = weighed(just_below, 1.5);
+        assert!(is_due, "{ratio}, {reserve}");
     }
 
     /// What holds the ends together is sought near the crack: here few edges hang on either end, a corner, far from it.

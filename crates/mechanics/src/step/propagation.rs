@@ -175,7 +175,7 @@ pub fn propagation_step(
             balance.advance_some(front, moves, driven)
         })?;
     }
-    if best.is_none() && is_driven && balance.reserve() >= search::RESERVE {
+    if best.is_none() && is_driven && search::is_due(&balance) {
         best = search::best(&balance, &evaluated, &drives, lengths)?;
     }
     let Some(Trial { body: grown, .. }) = best else {

@@ -10,14 +10,28 @@ use crate::crack::stress_intensity::Station;
 use crate::crack::{BodyError, EvaluatedFront};
 use crate::geometry::Vec3;
 
-/// Where no growth pays though the body's energy would pay so many times for it, K is wrong. Below, the load may well have to rise.
-pub(super) const RESERVE: f64 = 10.0;
+/// Where no growth pays though the body's energy would pay so many times for it, K is wrong. Below, the load may well have to rise,
+const RESERVE: f64 = 10.0;
+/// as it may where a growth sets free this share of the body's energy. What is stored grows with the lever between load and front, and
+/// with it what a growth costs is a smaller part of it: the arms of a beam give up a tenth over an increment when the crack is thirty
+/// increments long (U goes with a^-3).
+const SHARE: f64 = 0.05;
 /// Fronts that are driven less than this are left alone.
 const LEAST: f64 = 0.1;
 /// Turns off the front's own plane, or off its kink \[deg\]: no criterion kinks by more.
 const TURNS: [f64; 7] = [0.0, 25.0, -25.0, 50.0, -50.0, 75.0, -75.0];
 /// How far a front moves, in increments.
 const FAR: [f64; 2] = [1.0, 2.0];
+
+/// Whether K is so wrong that a growth has to be sought.
+pub(super) fn is_due(balance: &Balance) -> bool {
+    is_stuck(balance.reserve(), balance.best())
+}
+
+/// For so many of the dearest growth the energy would pay, and such a share of its cost the best sets free.
+fn is_stuck(reserve: f64, best: f64) -> bool {
+    reserve >= RESERVE && best < SHARE * reserve
+}
 
 /// The growth of one front that gains most; none if none pays.
 pub(super) fn best(
@@ -26,13 +40,24 @@ pub(super) fn best(
     drives: &FrontDrives,
     lengths: &GrowthLengths,
 ) -> Result<Option<Trial>, BodyError> {
-    let mut best = None;
-    for (front, drives) in fronts.iter().zip(&drives.smooth) {
+    let of_front = |(front, drives): (&'_ EvaluatedFront, &'_ Vec<Drive>)| {
         let largest = drives.iter().fold(0.0, |most: f64, d| d.ratio.max(most));
-        if largest >= LEAST {
-            let ways = ways(&front.stations, drives, largest, lengths.increment);
-            best = most_gaining(best, balance.best_way(&front.front, ways)?);
-        }
+        let ways = ways(&front.stations, drives, largest, lengths.increment);
+        (largest >= LEAST).then(|| (front.front.clone(), ways.collect::<Vec<_>>()))
+    };
+    let all = fronts.iter().zip(&drives.smooth).filter_map(of_front);
+    let all: Vec<_> = all.collect();
+    // What was tried may have been no more than some millimetres of a front that K drives far harder than the others: what is stored is
+    // set against a whole front's growth.
+    for (front, ways) in &all {
+        balance.weigh(balance.advanced(front, &ways[0]))?;
+    }
+    if !is_due(balance) {
+        return Ok(None);
+    }
+    let mut best = None;
+    for (front, ways) in all {
+        best = most_gaining(best, balance.best_way(&front, ways)?);
     }
     Ok(best)
 }
