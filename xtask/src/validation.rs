@@ -43,7 +43,7 @@ G = G_c: 795 N m at the notch, its peak, then 589, 501, 398, 300, 223, 140 N m w
 \"Concrete torsion test\"), so that by statics the load is the torque over 250 mm: **3.2 kN** at the notch, then 2.4, 2.0, 1.6, 1.2, .9 and .6 kN.
 The measured peak itself was looked for again in web pages, documentation and public code (Brokenshire 1996; Jefferson, Barr,
 Bennett & Hee 2004; Gasser & Holzapfel 2006; Areias & Belytschko 2005; Kaczmarczyk et al. 2014 and 2017; FRACMATH and a phase-field
-code that compute the test) and not found: all show it in figures only, none gives it in words or tables. It must lie below
+code that compute the test) and not found in words or numbers. It must lie below
 ours: with f_t 2.3 MPa the length E G_c / f_t^2 is 530 mm, ten times the ligament, and linear fracture mechanics, which knows no strength, is
 then an upper bound.
 ";

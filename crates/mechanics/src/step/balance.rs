@@ -55,11 +55,6 @@ impl<'a> Balance<'a> {
         self.state.strain_energy / self.dearest.get()
     }
 
-    /// A growth of one front.
-    pub fn advanced(&self, front: &Front, moves: &[Vec3]) -> Growth {
-        self.body.advanced(&[(front, moves)])
-    }
-
     /// Tries a growth; none if it cuts nothing.
     pub fn weigh(&self, growth: Growth) -> Result<Option<Trial>, BodyError> {
         let newly_cut = growth.newly_cut.clone();
@@ -162,7 +157,7 @@ impl<'a> Balance<'a> {
     ) -> Result<Option<Trial>, BodyError> {
         let mut best: Option<Trial> = None;
         for moves in ways {
-            let trial = self.weigh(self.advanced(front, &moves))?;
+            let trial = self.weigh(self.body.advanced(&[(front, &moves)]))?;
             let paid = trial.filter(|t| t.ratio >= 1.0 && !t.crumbles);
             best = most_gaining(best, paid);
         }
@@ -175,11 +170,11 @@ impl<'a> Balance<'a> {
         growths: impl IntoIterator<Item = Vec<Vec3>>,
     ) -> Result<Option<Trial>, BodyError> {
         for moves in growths {
-            let mut trial = self.weigh(self.advanced(front, &moves))?;
+            let mut trial = self.weigh(self.body.advanced(&[(front, &moves)]))?;
             if trial.is_none()
                 && let Some(moves) = self.through_an_element(front, &moves)
             {
-                trial = self.weigh(self.advanced(front, &moves))?;
+                trial = self.weigh(self.body.advanced(&[(front, &moves)]))?;
             }
             if let Some(paid) = trial.filter(|t| t.ratio >= 1.0) {
                 return Ok(Some(paid));

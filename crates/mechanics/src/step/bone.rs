@@ -487,8 +487,8 @@ mod tests {
         assert_eq!(found(0.03).0, None);
     }
 
-    /// The arms of a long beam, pushed apart at their ends, store ten times and more what a growth costs just before they grow: the load
-    /// has to rise a little, no other growth to be sought. Where what was tried sets next to nothing free, it has.
+    /// The arms of a long beam, pushed apart at their ends, store more than ten times what a growth costs just before they grow: the load
+    /// has to rise a little, no other growth to be sought.
     #[test]
     fn a_long_lever_is_no_wrong_k() {
         let held = Supports {
@@ -503,23 +503,22 @@ mod tests {
             let pushed = |i: usize| bone.faces.push_apart(i, force * places[i].area);
             ends.flat_map(pushed).collect()
         };
-        let weighed = |force: f64, turn: f64| {
+        let weighed = |force: f64| {
             let state = bone.under_loads(&at_ends(force), &mut FaceContact::default());
             let fronts = bone.evaluate_fronts(&state.x, &state.loads, 0.0);
-            let mut drives = FrontDrives::new(&fronts, lengths);
-            drives.smooth[0].iter_mut().for_each(|d| d.kink += turn);
+            let drives = FrontDrives::new(&fronts, lengths);
             let moves = drives.moves(&fronts, lengths, 0.0).swap_remove(0);
             let balance = Balance::new(&bone.cracked, &state);
             let growth = bone.advanced(&[(&fronts[0].front, &moves)]);
             let ratio = balance.weigh(growth).unwrap().unwrap().ratio;
             (ratio, balance.reserve(), search::is_due(&balance))
         };
-        let just_below = (0.9 / weighed(1.0, 0.0).0).sqrt();
-        let (ratio, reserve, is_due) = weighed(just_below, 0.0);
-        assert!((0.85..0.95).contains(&ratio), "{ratio}");
-        assert!(reserve >= 10.0 && !is_due, "{reserve}");
-        let (ratio, reserve, is_due) = weighed(just_below, 1.5);
-        assert!(is_due, "{ratio}, {reserve}");
+        let just_below = (0.9 / weighed(1.0).0).sqrt();
+        let (ratio, reserve, is_due) = weighed(just_below);
+        assert!(
+            (0.85..0.95).contains(&ratio) && reserve > 10.0 && !is_due,
+            "{ratio}, {reserve}"
+        );
     }
 
     /// What holds the ends together is sought near the crack: here few edges hang on either end, a corner, far from it.
