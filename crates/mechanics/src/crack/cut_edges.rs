@@ -103,12 +103,13 @@ impl CutEdges {
         sheet: &TriMesh,
         chip_nodes: usize,
     ) -> Vec<u32> {
+        self.seat_nodes(mesh, locator, sheet);
         let fresh = self.crossings(mesh, locator, sheet);
         self.commit(mesh, fresh, chip_nodes)
     }
 
-    /// Cuts what lies ahead of a front: of the tetrahedra that `sheet` would divide, those for whose polygon's centre
-    /// `is_reached` holds are cut as a whole; returns the edges newly cut, ascending.
+    /// Cuts what lies ahead of a front, after [`seat_nodes`](Self::seat_nodes) for the same sheet: of the tetrahedra that `sheet`
+    /// would divide, those for whose polygon's centre `is_reached` holds are cut as a whole; returns the edges newly cut, ascending.
     ///
     /// Cutting by the centre of the polygon instead of edge by edge keeps the effective front level however large the polygons
     /// are that a plane happens to cut out of its mesh.
@@ -166,13 +167,7 @@ impl CutEdges {
     }
 
     /// Uncut edges that a triangle of `sheet` crosses, and where; ascending.
-    fn crossings(
-        &mut self,
-        mesh: &TetMesh,
-        locator: &TetLocator,
-        sheet: &TriMesh,
-    ) -> Vec<(u32, f64)> {
-        self.seat_nodes(mesh, locator, sheet);
+    fn crossings(&self, mesh: &TetMesh, locator: &TetLocator, sheet: &TriMesh) -> Vec<(u32, f64)> {
         let largest = self.snap.iter().copied().fold(0.0, f64::max);
         let mut fresh: Vec<(u32, f64)> = Vec::new();
         for t in 0..sheet.triangles.len() {

@@ -53,20 +53,22 @@ impl Fragments {
     /// Finds the pieces. A node stands for a quarter of each tetrahedron around it.
     pub fn find(mesh: &TetMesh, cuts: &CutEdges) -> Self {
         let mut parts = cuts.components(mesh);
-        let mut share = vec![0.0; mesh.nodes().len()];
+        let n_nodes = mesh.nodes().len();
+        let root_of: Vec<usize> = (0..n_nodes).map(|i| parts.find(i)).collect();
+        let mut share = vec![0.0; n_nodes];
         let total = mesh.volume();
         for (tet, volume) in mesh.tets().iter().zip(mesh.volumes()) {
             tet.iter()
-                .for_each(|&n| share[parts.find(n as usize)] += 0.25 * volume / total);
+                .for_each(|&n| share[root_of[n as usize]] += 0.25 * volume / total);
         }
-        let mut roots: Vec<usize> = (0..share.len()).filter(|&i| parts.find(i) == i).collect();
+        let mut roots: Vec<usize> = (0..n_nodes).filter(|&i| root_of[i] == i).collect();
         roots.sort_by(|&a, &b| share[b].total_cmp(&share[a]).then(a.cmp(&b)));
-        let mut number = vec![0u32; share.len()];
+        let mut number = vec![0u32; n_nodes];
         for (k, &r) in roots.iter().enumerate() {
             number[r] = k as u32;
         }
         Self {
-            of_node: (0..share.len()).map(|i| number[parts.find(i)]).collect(),
+            of_node: root_of.iter().map(|&r| number[r]).collect(),
             volume_share: roots.iter().map(|&r| share[r]).collect(),
         }
     }

@@ -395,7 +395,8 @@ impl System {
         let mut at = x.to_vec();
         at.resize(self.n(), 0.0);
         let mut lacking = vec![0.0; self.n()];
-        self.add_drag(mesh, topology, x, &mut lacking);
+        let first = before.block_of_enrichment.len();
+        self.add_new_drag(mesh, topology, first, &at, &mut lacking);
         loads.iter().for_each(|(i, f)| lacking[*i as usize] += f);
         for BlockRow { row, blocks } in rows.iter() {
             let held = blocks.iter().map(|(col, k)| k * read(*col, &at));
@@ -407,6 +408,35 @@ impl System {
             }
         }
         Some(0.5 * self.factor.work_of_last(&lacking[n_old..]))
+    }
+
+    /// As [`add_drag`](Self::add_drag), but right only on the enrichments from `first` on: those of the cells around their nodes.
+    fn add_new_drag(
+        &self,
+        mesh: &TetMesh,
+        topology: &Topology,
+        first: usize,
+        x: &[f64],
+        rhs: &mut [f64],
+    ) {
+        if self.base.drag.iter().all(|d| *d == 0.0) {
+            return;
+        }
+        let nodes = topology.enriched_nodes()[first..].iter();
+        let mut tets: Vec<u32> = nodes
+            .flat_map(|n| mesh.tets_of_node(*n as usize))
+            .copied()
+            .collect();
+        tets.sort_unstable();
+        tets.dedup();
+        for cell in tets
+            .iter()
+            .flat_map(|t| &topology.cells()[topology.cells_of(*t)])
+        {
+            if cell.enrichment.iter().any(|e| *e != STANDARD) {
+                self.add_jump_drag(mesh, cell, x, rhs);
+            }
+        }
     }
 
     /// The part of a cell's drag that its enrichments take part in.
