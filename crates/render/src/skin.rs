@@ -3,7 +3,7 @@
 //! A skin is made when the crack grows. From frame to frame only the cells' moved nodes change, D_T of equation 7, for each side
 //! of the crack its own; a graphics device computes vertices and normals from them.
 use crate::scene::{Kind, Material, Mesh, vertex_normals};
-use crate::vector::{V3, add, length, scale, sub, unit};
+use crate::vector::{V3, add, length, scale, sub};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -26,7 +26,7 @@ pub struct Anchor {
 pub struct Wear {
     /// The vertex opposite.
     pub opposite: u32,
-    /// The way back into the bone: a unit vector, or shorter where less is lost.
+    /// The way back into the bone: 1 long, or shorter where less is lost.
     pub into: [f32; 3],
 }
 
@@ -204,16 +204,6 @@ impl Bounds {
         Self {
             low: sub(low, room),
             high: add(high, room),
-        }
-    }
-}
-
-impl Wear {
-    /// Towards `into`, of any length.
-    pub fn new(opposite: u32, into: [f32; 3]) -> Self {
-        Self {
-            opposite,
-            into: unit(into),
         }
     }
 }

@@ -149,7 +149,7 @@ impl Skins {
             triangles: triangles.to_vec(),
         };
         [
-            self.bone.skin.drawn(vec![
+            self.bone.drawn(vec![
                 part(Kind::Bone, &self.bone.skin.triangles),
                 part(Kind::Seam, &self.bone.seams),
             ]),
