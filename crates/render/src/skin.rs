@@ -207,3 +207,28 @@ impl Bounds {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faces_that_have_parted_lose_as_much_as_they_may() {
+        let at = |cell, opposite, into| Anchor {
+            cell,
+            weights: [1.0, 0.0, 0.0, 0.0],
+            wear: Some(Wear { opposite, into }),
+        };
+        // Of the second there is little.
+        let anchors = vec![at(0, 1, [0.0, 0.0, -1.0]), at(1, 0, [0.0, 0.0, 0.25])];
+        let skin = Skin::new(anchors, vec![[0.0; 3]; 2], vec![]);
+        let heights = |apart: f32| {
+            let at = skin.positions(&[[[0.0; 3]; 4], [[0.0, 0.0, apart]; 4]]);
+            at.iter().map(|p| p[2]).collect::<Vec<_>>()
+        };
+        assert_eq!(heights(0.0), [0.0, 0.0]);
+        assert_eq!(heights(WORN), [-CRUMBS, WORN + 0.25 * CRUMBS]);
+        assert_eq!(heights(2.0 * WORN), [-CRUMBS, 2.0 * WORN + 0.25 * CRUMBS]);
+        assert_eq!(heights(0.5 * WORN)[0], -0.5 * CRUMBS);
+    }
+}
