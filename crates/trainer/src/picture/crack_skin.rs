@@ -436,33 +436,20 @@ pub fn gap_skin(body: &CrackedBody, region: &dyn SignedDistance) -> GapSkin {
     let n_faces = gap.opposite.len();
     gap.close_off(&parted);
     let faces = gap.opposite[..n_faces].iter_mut();
-    for (((_, into), p), anchor) in faces.zip(&gap.skin.rest).zip(&gap.skin.anchors) {
-        let p = Vec3::from(p.map(f64::from));
-        let piece = piece_of(body, anchor.cell);
-        let is_chip = body.fragments.volume_share[piece as usize] < CHIP;
-        let is_out = |q: &Vec3| {
-            let is_other = || {
-                let (tet, weights) = tet_at(body, q);
-                piece_of(body, body.topology.cell_at(tet, &weights)) != piece
-            };
-            region.signed(q) > 0.0 || is_chip && is_other()
-        };
-        // Where it is led out of the bone it goes on as within.
-        if region.signed(&p) <= 0.0 {
-            *into *= wearing(is_out, &p, into);
-        }
+    for ((_, into), p) in faces.zip(&gap.skin.rest) {
+        *into *= wearing(region, &Vec3::from(p.map(f64::from)), into);
     }
     gap
 }
 
-/// A fragment with less of the bone may be thin between its broken faces.
-const CHIP: f64 = 0.02;
-
 /// How much of its crumbs a face at `p` may lose `into` its side: all, or less where so little bone is left that a hole would show.
-fn wearing(is_out: impl Fn(&Vec3) -> bool, p: &Vec3, into: &Vec3) -> f64 {
+fn wearing(region: &dyn SignedDistance, p: &Vec3, into: &Vec3) -> f64 {
     /// Looks so far, in as many steps, in shares of what is lost at most.
     const REACH: usize = 5;
-    let is_out = |k: &usize| is_out(&(p + into * (*k as f64 * f64::from(CRUMBS))));
+    let is_out = |k: &usize| region.signed(&(p + into * (*k as f64 * f64::from(CRUMBS)))) > 0.0;
+    if is_out(&0) {
+        return 1.0;
+    }
     let thickness = (1..=REACH).find(is_out).map_or(REACH, |k| k - 1);
     thickness as f64 / REACH as f64
 }
