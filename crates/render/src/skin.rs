@@ -3,7 +3,7 @@
 //! A skin is made when the crack grows. From frame to frame only the cells' moved nodes change, D_T of equation 7, for each side
 //! of the crack its own; a graphics device computes vertices and normals from them.
 use crate::scene::{Kind, Material, Mesh, vertex_normals};
-use crate::vector::{V3, add, length, scale, sub, unit};
+use crate::vector::{V3, add, length, scale, sub};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -26,7 +26,7 @@ pub struct Anchor {
 pub struct Wear {
     /// The vertex opposite.
     pub opposite: u32,
-    /// The way back into the bone: a unit vector, or shorter where less is lost.
+    /// The way back into the bone: 1 long, or shorter where less is lost.
     pub into: [f32; 3],
 }
 
@@ -208,12 +208,27 @@ impl Bounds {
     }
 }
 
-impl Wear {
-    /// Towards `into`, of any length.
-    pub fn new(opposite: u32, into: [f32; 3]) -> Self {
-        Self {
-            opposite,
-            into: unit(into),
-        }
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faces_that_have_parted_lose_as_much_as_they_may() {
+        let at = |cell, opposite, into| Anchor {
+            cell,
+            weights: [1.0, 0.0, 0.0, 0.0],
+            wear: Some(Wear { opposite, into }),
+        };
+        // Of the second there is little.
+        let anchors = vec![at(0, 1, [0.0, 0.0, -1.0]), at(1, 0, [0.0, 0.0, 0.25])];
+        let skin = Skin::new(anchors, vec![[0.0; 3]; 2], vec![]);
+        let heights = |apart: f32| {
+            let at = skin.positions(&[[[0.0; 3]; 4], [[0.0, 0.0, apart]; 4]]);
+            at.iter().map(|p| p[2]).collect::<Vec<_>>()
+        };
+        assert_eq!(heights(0.0), [0.0, 0.0]);
+        assert_eq!(heights(WORN), [-CRUMBS, WORN + 0.25 * CRUMBS]);
+        assert_eq!(heights(2.0 * WORN), [-CRUMBS, 2.0 * WORN + 0.25 * CRUMBS]);
+        assert_eq!(heights(0.5 * WORN)[0], -0.5 * CRUMBS);
     }
 }

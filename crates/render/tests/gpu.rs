@@ -328,7 +328,7 @@ fn halves(n: u32) -> Skin {
     }
     let first = rest.len() as u32;
     for side in 0..2u32 {
-        let into = [[-1.0, 0.0, 0.0], [2.0, 0.0, 0.0]][side as usize];
+        let into = [[-1.0, 0.0, 0.0], [0.5, 0.0, 0.0]][side as usize];
         for (k, [y, z]) in [[-9.0, -9.0], [9.0, -9.0], [0.0, 9.0]]
             .into_iter()
             .enumerate()
@@ -337,7 +337,10 @@ fn halves(n: u32) -> Skin {
             anchors.push(Anchor {
                 cell: side,
                 weights: [1.0 - x - y1 - z1, x, y1, z1],
-                wear: Some(Wear::new(first + 3 * (1 - side) + k as u32, into)),
+                wear: Some(Wear {
+                    opposite: first + 3 * (1 - side) + k as u32,
+                    into,
+                }),
             });
             rest.push([0.0, y, z]);
         }

@@ -417,6 +417,7 @@ fn a_scenario_is_found_in_a_list_of_files() {
          click other.toml
          gone Open a scenario or a session
          wait Ready
+         gone drawing
          rest 4
          shot left.png
          quit",

@@ -5,9 +5,11 @@
 //! neighbours fit; seams between the two lips keep the surface closed for the winding counts. Only triangles at the crack are
 //! touched, only when it grows, and neither simulation mesh nor shell knows of it.
 use super::anchored::{Anchor, Skin, are_joined, piece_of, tet_at};
+use super::closing::{self, edges, fill, join, open_edges};
 use super::crack_skin::GapSkin;
 use osteotome_mechanics::crack::{Cell, CrackedBody};
 use osteotome_mechanics::geometry::{Aabb, TriMesh, Vec3, segment_crosses};
+use osteotome_render::skin::{Part, Skin as Drawn, Wear};
 use std::collections::HashMap;
 
 /// The surface with its slits.
@@ -15,8 +17,48 @@ use std::collections::HashMap;
 pub struct BoneSkin {
     /// What is shown.
     pub skin: Skin,
-    /// Triangles over the same vertices between the lips of slits: they count but are not shown.
+    /// Triangles that close it: they count but are not shown. Between the lips of slits, and where fragments have parted, for each of
+    /// them within its share of the gap.
     pub seams: Vec<[u32; 3]>,
+    /// Of the seams' vertices in a gap the one opposite, and the way they go when they part.
+    away: HashMap<u32, (u32, Vec3)>,
+}
+
+impl BoneSkin {
+    /// For the renderer.
+    pub fn drawn(&self, parts: Vec<Part>) -> Drawn {
+        self.skin.drawn_with(parts, |v| {
+            let (opposite, into) = *self.away.get(&(v as u32))?;
+            let into = into.cast::<f32>().into();
+            Some(Wear { opposite, into })
+        })
+    }
+
+    /// The middle of each fragment's share of the gap.
+    fn lids(&mut self, gap: &GapSkin) -> Vec<[u32; 3]> {
+        let mut copies = HashMap::new();
+        let mut copy = |v: u32| {
+            *copies.entry(v).or_insert_with(|| {
+                self.skin.anchors.push(gap.skin.anchors[v as usize]);
+                self.skin.rest.push(gap.skin.rest[v as usize]);
+                self.skin.anchors.len() as u32 - 1
+            })
+        };
+        for v in gap.lids.iter().flatten() {
+            let (opposite, far) = gap.opposite[*v as usize];
+            let of = (copy(opposite), far * 0.5);
+            self.away.insert(copy(*v), of);
+        }
+        gap.lids.iter().map(|t| t.map(&mut copy)).collect()
+    }
+
+    fn edges(&self) -> impl Iterator<Item = [u32; 2]> {
+        self.skin
+            .triangles
+            .iter()
+            .chain(&self.seams)
+            .flat_map(edges)
+    }
 }
 
 /// Where the corners of a surface lie in the simulation mesh, and its edges; stays while the crack grows.
@@ -136,6 +178,7 @@ impl Slits {
         for (t, edges) in surface.triangles.iter().zip(&places.edges_of) {
             slitter.triangle(*t, *edges);
         }
+        slitter.close_fragments(gap);
         (self.cells, self.parting) = (cells, gap.parting.clone());
         slitter.out
     }
@@ -262,6 +305,49 @@ impl Slitter<'_> {
             self.out.seams.extend([[from, to, next], [from, next, c]]);
         }
         self.out.seams.push(centre);
+    }
+
+    /// Closes each fragment for itself, by a surface in the middle of its share of the gap, joined to its lips.
+    fn close_fragments(&mut self, gap: &GapSkin) {
+        /// Lips lie on a straight line where the gap's faces may bend. The surface that joins them to the middle must not come out on
+        /// this side of those, where no bone would be left of them: it begins so far beyond \[mm\].
+        const BEYOND: f64 = 0.2;
+        let n_given = self.surface.vertices.len() as u32;
+        let place = |skin: &Skin, v: u32| {
+            let at = Vec3::from(skin.rest[v as usize].map(f64::from));
+            (at, piece_of(self.body, skin.anchors[v as usize].cell))
+        };
+        let BoneSkin { skin, seams, .. } = &mut self.out;
+        seams.retain(|t| t.map(|v| place(skin, v).1) == [place(skin, t[0]).1; 3]);
+        if gap.lids.is_empty() {
+            return;
+        }
+        let lids = self.out.lids(gap);
+        // Whole edges of the surface are none of these.
+        let is_new = |e: &[u32; 2]| e.iter().all(|v| *v >= n_given);
+        let lips = open_edges(self.out.edges().filter(is_new));
+        let rim = open_edges(lids.iter().flat_map(edges));
+        let mut between = Vec::new();
+        let (mut beyond, mut nearest) = (HashMap::new(), HashMap::new());
+        for (v, end) in closing::nearest(&lips, &rim, |v| place(&self.out.skin, v)) {
+            let way = self.out.away[&end].1.try_normalize(1e-12);
+            let p = place(&self.out.skin, v).0 + way.unwrap_or_default() * BEYOND;
+            let anchor = self.anchor_in(self.out.skin.anchors[v as usize].cell, &p);
+            let tip = self.out.skin.push(anchor, &p);
+            beyond.insert(v, tip);
+            nearest.insert(tip, end);
+        }
+        let mut tips = Vec::new();
+        for [u, v] in lips {
+            if let (Some(&p), Some(&q)) = (beyond.get(&u), beyond.get(&v)) {
+                between.extend([[v, u, p], [v, p, q]]);
+                tips.push([p, q]);
+            }
+        }
+        between.extend(join(&tips, &rim, &nearest));
+        self.out.seams.extend(lids.into_iter().chain(between));
+        let filled = fill(self.out.edges().filter(is_new));
+        self.out.seams.extend(filled);
     }
 
     /// Looks for the crack along an edge.

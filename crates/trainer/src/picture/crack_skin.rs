@@ -5,11 +5,12 @@
 //! displacement jumps, so both volumes fit the slit surface exactly, also where mechanics runs ahead of the explicit front and
 //! where a last ligament tore. Borders are closed.
 use super::anchored::{Anchor, Skin, piece_of, sawn_part, tet_at};
+use super::closing::{edges, fill, open_edges};
 use super::saw_cuts::SawCuts;
 use osteotome_mechanics::crack::{Cell, CrackedBody, Sheet};
 use osteotome_mechanics::geometry::{NO_TET, SignedDistance, TET_EDGES, TET_FACES, TriMesh, Vec3};
 use osteotome_render::skin::{CRUMBS, Part, Skin as Drawn, Wear};
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 
 /// The saw's slit.
 #[derive(Clone, Debug, Default)]
@@ -190,9 +191,8 @@ fn close(
             }
         }
     }
-    for hole in holes(shown.iter().chain(&seams)) {
-        seams.extend(fan(&hole));
-    }
+    let filled = fill(shown.iter().chain(&seams).flat_map(edges));
+    seams.extend(filled);
     (shown, seams)
 }
 
@@ -296,10 +296,12 @@ pub struct GapSkin {
     pub apart: Vec<[u32; 3]>,
     /// Faces within the saw's slit.
     pub sawn: Vec<[u32; 3]>,
-    /// Triangles that close the border: they count but are not shown, as they span the gap.
+    /// Triangles that close it: they count but are not shown.
     pub walls: Vec<[u32; 3]>,
-    /// For each vertex the one opposite, or itself, and the way into its own side: a unit vector, shorter where there is little bone
-    /// that way.
+    /// Those of them that are the far side of a fragment's share of the gap, as far as it was not led out of the bone.
+    pub lids: Vec<[u32; 3]>,
+    /// For each vertex the one opposite, or itself, and the way it goes when they part: of a face into its own side, 1 long, shorter
+    /// where there is little bone that way.
     pub opposite: Vec<(u32, Vec3)>,
     /// Of each piece, the two cells and its undeformed area vector \[mm2\], which looks from the first to the second.
     pub pieces: Vec<([u32; 2], Vec3)>,
@@ -313,8 +315,43 @@ impl GapSkin {
         self.skin.drawn_with(parts, |v| {
             let (opposite, into) = &self.opposite[v];
             let is_face = *opposite as usize != v;
-            is_face.then(|| Wear::new(*opposite, into.cast::<f32>().into()))
+            is_face.then(|| Wear {
+                opposite: *opposite,
+                into: into.cast::<f32>().into(),
+            })
         })
+    }
+}
+
+impl GapSkin {
+    /// Closes off each fragment's share of the gap behind these faces by triangles that move with the fragment: what spanned the gap
+    /// would sweep through bone beside it wherever fragments slide along each other.
+    fn close_off(&mut self, [within, led_out]: &[Vec<[u32; 3]>; 2]) {
+        /// The far side goes so far beyond where a face was, in shares of what the other fragment's face goes back there: it must not
+        /// reach into the other's bone, nor lie on its face.
+        const FAR: f64 = 0.7;
+        let mut far = HashMap::new();
+        let mut behind = |v: u32| {
+            *far.entry(v).or_insert_with(|| {
+                let (opposite, into) = self.opposite[v as usize];
+                let (anchor, rest) = (self.skin.anchors[v as usize], self.skin.rest[v as usize]);
+                self.skin.anchors.push(anchor);
+                self.skin.rest.push(rest);
+                self.opposite.push((opposite, into * -FAR));
+                self.skin.anchors.len() as u32 - 1
+            })
+        };
+        let mut turned = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(&mut behind);
+            [a, c, b]
+        };
+        self.lids = within.iter().map(&mut turned).collect();
+        self.walls.extend(&self.lids);
+        self.walls.extend(led_out.iter().map(turned));
+        for [a, b] in open_edges(within.iter().chain(led_out).flat_map(edges)) {
+            let [c, d] = [a, b].map(&mut behind);
+            self.walls.extend([[b, a, c], [b, c, d]]);
+        }
     }
 }
 
@@ -367,6 +404,8 @@ struct Parting<'a> {
     vertices: HashMap<(Point, [u32; 4]), u32>,
     /// Vertices where the saw came to a stop between two others.
     stops: HashMap<[u32; 2], u32>,
+    /// Faces between fragments: in the mesh, and led out of the bone.
+    parted: [Vec<[u32; 3]>; 2],
 }
 
 /// The opened crack of a body whose true shape is `region`.
@@ -381,6 +420,7 @@ pub fn gap_skin(body: &CrackedBody, region: &dyn SignedDistance) -> GapSkin {
         out: GapSkin::default(),
         vertices: HashMap::new(),
         stops: HashMap::new(),
+        parted: Default::default(),
     };
     for t in 0..body.solid.mesh.tets().len() as u32 {
         if body.topology.is_divided(t) {
@@ -389,10 +429,15 @@ pub fn gap_skin(body: &CrackedBody, region: &dyn SignedDistance) -> GapSkin {
     }
     parting.lead_out(region);
     parting.emit();
-    let mut gap = parting.out;
-    for ((_, into), p) in gap.opposite.iter_mut().zip(&gap.skin.rest) {
-        let way = into.try_normalize(1e-12).unwrap_or_default();
-        *into = way * wearing(region, &Vec3::from(p.map(f64::from)), &way);
+    let (mut gap, parted) = (parting.out, parting.parted);
+    for (_, into) in &mut gap.opposite {
+        *into = into.try_normalize(1e-12).unwrap_or_default();
+    }
+    let n_faces = gap.opposite.len();
+    gap.close_off(&parted);
+    let faces = gap.opposite[..n_faces].iter_mut();
+    for ((_, into), p) in faces.zip(&gap.skin.rest) {
+        *into *= wearing(region, &Vec3::from(p.map(f64::from)), into);
     }
     gap
 }
@@ -491,16 +536,19 @@ impl Parting<'_> {
         self.places.insert(base, place);
     }
 
-    /// Border edges of the parting surface, as their piece runs through them.
-    fn borders(&self) -> Vec<(usize, [Point; 2])> {
+    /// Border edges of the parting surface, or of a part of it, as their piece runs through them.
+    fn borders(&self, is_part: impl Fn(&Piece) -> bool) -> Vec<(usize, [Point; 2])> {
         let mut uses: HashMap<[Point; 2], u32> = HashMap::new();
         let edges = |p: &Piece| [0, 1, 2, 3].map(|k| [p.points[k], p.points[(k + 1) % 4]]);
         let key = |[a, b]: [Point; 2]| [a.min(b), a.max(b)];
-        for e in self.pieces.iter().flat_map(edges) {
+        let pieces: Vec<_> = (self.pieces.iter().enumerate())
+            .filter(|(_, p)| is_part(p))
+            .collect();
+        for e in pieces.iter().flat_map(|(_, p)| edges(p)) {
             *uses.entry(key(e)).or_default() += 1;
         }
-        let of_piece = |(i, p): (usize, &Piece)| edges(p).map(|e| (i, e));
-        let all = self.pieces.iter().enumerate().flat_map(of_piece);
+        let of_piece = |(i, p): &(usize, &Piece)| edges(p).map(|e| (*i, e));
+        let all = pieces.iter().flat_map(of_piece);
         all.filter(|(_, e)| uses[&key(*e)] == 1).collect()
     }
 
@@ -511,7 +559,7 @@ impl Parting<'_> {
         let mut ends = Vec::new();
         let mut outward: HashMap<Base, Vec3> = HashMap::new();
         let mut across: HashMap<Base, (Vec3, f64)> = HashMap::new();
-        for (i, edge) in self.borders() {
+        for (i, edge) in self.borders(|_| true) {
             let piece = &self.pieces[i];
             let tet = self.body.topology.cells()[piece.cells[0] as usize].tet;
             let Some(out) = edge
@@ -609,9 +657,9 @@ impl Parting<'_> {
         }
     }
 
-    /// Both faces of each piece, and walls along the border.
+    /// Both faces of each piece, and walls along the border of what has opened within a fragment.
     fn emit(&mut self) {
-        let borders = self.borders();
+        let borders = self.borders(|p| !parts_fragments(self.body, p.cells));
         for i in 0..self.pieces.len() {
             let Piece { cells, points } = self.pieces[i];
             let corners = points.map(|p| Corner {
@@ -625,13 +673,18 @@ impl Parting<'_> {
             let parting = self.out.parting.entry(tet).or_default();
             parting.extend([[p, q, r], [p, r, s]]);
             let mut used: Vec<[u32; 2]> = corners.map(|c| c.vertices).to_vec();
-            let n_before = self.out.skin.triangles.len();
+            let n_before = [&self.out.skin.triangles, &self.out.sawn].map(Vec::len);
             for t in [[0, 1, 2], [0, 2, 3]] {
                 self.face(t.map(|k| corners[k]), cells, &mut used);
             }
             if parts_fragments(self.body, cells) {
                 let out = &mut self.out;
-                out.apart.extend(&out.skin.triangles[n_before..]);
+                let [broken, sawn] = n_before;
+                out.apart.extend(&out.skin.triangles[broken..]);
+                let is_led_out = points.iter().any(|p| p.1);
+                let list = &mut self.parted[usize::from(is_led_out)];
+                list.extend(&out.skin.triangles[broken..]);
+                list.extend(&out.sawn[sawn..]);
             }
             used.sort_unstable();
             used.dedup();
@@ -747,57 +800,16 @@ impl Parting<'_> {
         vertex
     }
 
-    /// Fills what is still open: small holes where three or more pieces meet at the border.
+    /// Fills what is still open: small holes where three or more pieces meet at the border, and where what parts fragments begins.
     fn close(&mut self) {
-        let all = self
-            .out
-            .skin
-            .triangles
-            .iter()
-            .chain(&self.out.sawn)
-            .chain(&self.out.walls);
-        let filled: Vec<_> = holes(all).iter().flat_map(|hole| fan(hole)).collect();
-        self.out.walls.extend(filled);
+        let out = &mut self.out;
+        // What parts fragments is closed off by itself.
+        let parted: HashSet<&[u32; 3]> = self.parted.iter().flatten().collect();
+        let faces = out.skin.triangles.iter().chain(&out.sawn);
+        let within = faces.filter(|t| !parted.contains(t)).chain(&out.walls);
+        let filled = fill(within.flat_map(edges));
+        out.walls.extend(filled);
     }
-}
-
-/// Triangles over a loop of edges.
-fn fan(hole: &[u32]) -> impl Iterator<Item = [u32; 3]> {
-    (1..hole.len() - 1).map(|k| [hole[0], hole[k], hole[k + 1]])
-}
-
-/// Loops of edges that close a mesh, each in the sense its filling must have.
-fn holes<'a>(triangles: impl Iterator<Item = &'a [u32; 3]>) -> Vec<Vec<u32>> {
-    let mut open: BTreeMap<[u32; 2], i32> = BTreeMap::new();
-    for t in triangles {
-        for k in 0..3 {
-            let [a, b] = [t[k], t[(k + 1) % 3]];
-            *open.entry([a.min(b), a.max(b)]).or_default() += if a < b { 1 } else { -1 };
-        }
-    }
-    // What runs one way too often is to be run the other way.
-    let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-    for ([a, b], n) in open {
-        let (from, to) = if n > 0 { (b, a) } else { (a, b) };
-        (0..n.abs()).for_each(|_| next.entry(from).or_default().push(to));
-    }
-    let mut loops = Vec::new();
-    while let Some(start) = next.iter().find(|(_, to)| !to.is_empty()).map(|(v, _)| *v) {
-        let mut path = vec![start];
-        while let Some(v) = next.get_mut(&path[path.len() - 1]).and_then(Vec::pop) {
-            if let Some(k) = path.iter().position(|p| *p == v) {
-                loops.push(path.split_off(k));
-                path.push(v);
-                if k == 0 && next.get(&v).is_none_or(Vec::is_empty) {
-                    break;
-                }
-            } else {
-                path.push(v);
-            }
-        }
-    }
-    loops.retain(|l| l.len() > 2);
-    loops
 }
 
 /// Outward normal of the boundary face of `tet` that a face's middle lies on.

@@ -4,6 +4,7 @@
 //! recomputation would not repeat.
 mod anchored;
 mod bone_skin;
+mod closing;
 mod crack_skin;
 mod head;
 mod look;

@@ -227,7 +227,7 @@ impl Skins {
             ..smooth(kind, material, triangles)
         };
         vec![
-            bone.skin.drawn(vec![
+            bone.drawn(vec![
                 smooth(Kind::Bone, look::CORTICAL, &bone.skin.triangles),
                 flat(Kind::Seam, look::CORTICAL, &bone.seams),
             ]),

@@ -150,7 +150,7 @@ pub fn foot(w: &mut Window, ui: &mut Ui) {
                             format!("Scene {x} x {y}, drawing")
                         }
                     }
-                    None => String::new(),
+                    None => "Scene, drawing".into(),
                 };
                 ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
                     ui.label(RichText::new(drawn).small().color(style::WEAK));
