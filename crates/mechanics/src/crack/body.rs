@@ -193,7 +193,8 @@ impl CrackedBody {
         }
     }
 
-    /// Loads as a sparse right-hand side: (unknown, force \[N\]), each unknown once.
+    /// Loads as a sparse right-hand side: (unknown, force \[N\]), each unknown once and none without force: what pushes the two faces
+    /// of the crack apart has no force on the unknowns that both share, and its path through the factor is short.
     pub fn sparse_loads<'a>(
         &self,
         loads: impl IntoIterator<Item = &'a CellForce>,
@@ -217,6 +218,7 @@ impl CrackedBody {
             kept.1 += if same { later.1 } else { 0.0 };
             same
         });
+        pushed.retain(|p| p.1 != 0.0);
         pushed
     }
 

@@ -3,7 +3,7 @@ use super::bone::{Bone, BoneState};
 use super::crack_faces::FaceContact;
 use super::relaxation::Acceleration;
 use super::sweep_region::SweepRegion;
-use super::yielding::{Patch, Yielding};
+use super::yielding::{Pressed, Yielding};
 use crate::bone::{SolveScratch, Swept};
 use crate::contact::{Anchors, BoundingVolumes, ContactScene, NearPoints, PointForce, Wrench};
 use crate::crack::stress_intensity::CellForce;
@@ -12,6 +12,7 @@ use crate::tool::{
     BoneCompliance, ScratchLimits, SolveSettings, ToolInput, ToolModel, ToolScratch, ToolsResult,
     ToolsState, solve_tools_on_threads,
 };
+use nalgebra::Matrix3;
 
 /// Bounds of the relaxation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -388,9 +389,15 @@ fn solve_bone(
     };
     let mut loads: Vec<_> = forces.iter().map(|f| (load(f), Source::Tool)).collect();
     if is_first {
-        let points: Vec<_> = forces.iter().map(|f| (f.point, load(f))).collect();
-        let patches = patches(model, input, tools, points, state.tools.contacts(0).len());
-        state.yielding = Yielding::new(bone, &patches);
+        let points = forces.iter().map(|f| (f.point, load(f), f.stiffness));
+        let pressed = pressed(
+            model,
+            input,
+            tools,
+            points.collect(),
+            state.tools.contacts(0).len(),
+        );
+        state.yielding = Yielding::new(bone, &pressed);
     }
     let swept = &mut state.swept;
     swept.clone_from(&state.pulled);
@@ -404,24 +411,26 @@ fn solve_bone(
         trial,
         solve,
         faces,
+        yielding,
         ..
     } = state;
-    let (pressures, are_apart) = faces.press(bone, &region.region, swept, trial, solve);
+    let region = &region.region;
+    let (pressures, are_apart) = faces.press(bone, region, yielding.as_ref(), swept, trial, solve);
     loads.extend(pressures.into_iter().map(|p| (p, Source::Face)));
     let trial = state.guess(state.swept.values());
     (trial, loads, are_apart)
 }
 
 /// The contacts of each tool (the first tool's come first) with its coupling's stiffness.
-fn patches(
+fn pressed(
     model: &ToolModel,
     input: &MainInput,
     tools: &ToolsState,
-    mut points: Vec<(Vec3, CellForce)>,
+    mut points: Vec<(Vec3, CellForce, Matrix3<f64>)>,
     n_first: usize,
-) -> [Patch; 2] {
+) -> [Pressed; 2] {
     let second = points.split_off(n_first.min(points.len()));
-    let patch = |t: usize, contacts| Patch {
+    let of = |t: usize, contacts| Pressed {
         contacts,
         tool: tools.poses[t],
         stiffness: model.tools[t]
@@ -429,5 +438,5 @@ fn patches(
             .respond(&input.devices[t], &tools.poses[t])
             .stiffness,
     };
-    [patch(0, points), patch(1, second)]
+    [of(0, points), of(1, second)]
 }
