@@ -164,7 +164,7 @@ impl Bordered {
             subtract_common(columns, m, (&path, &w, m), (&b.path, b.w.double(), b.m));
         }
         subtract_common(&mut s[m * before..], m, (&path, &w, m), (&path, &w, m));
-        forward_border(&self.batches, &mut s, m);
+        self.forward_border(&mut s, m);
         let (known, own) = s.split_at_mut(m * before);
         let known = view(known, m, 0, m, before);
         subtract_product(view_mut(own, m, 0, m, m), known, known.transpose());
@@ -206,12 +206,29 @@ impl Bordered {
         (path, panel)
     }
 
+    /// X <- X L_S^-T for `m` rows X of the border, column-major: the dense forward sweep, batch by batch.
+    fn forward_border(&self, x: &mut [f64], m: usize) {
+        for b in &self.batches {
+            let (known, rest) = x.split_at_mut(m * b.before);
+            let own = &mut rest[..m * b.m];
+            if own.iter().chain(&*known).all(|v| *v == 0.0) {
+                continue;
+            }
+            let left = view(&b.rows, b.m, 0, b.m, b.before);
+            let known = view(known, m, 0, m, b.before);
+            subtract_product(view_mut(own, m, 0, m, b.m), known, left.transpose());
+            let triangle = view(&b.rows[b.m * b.before..], b.m, 0, b.m, b.m);
+            let own = view_mut(own, m, 0, m, b.m);
+            solve_lower_triangular_in_place(triangle, own.transpose_mut(), Par::Seq);
+        }
+    }
+
     /// b . K^-1 b for a right-hand side that is zero but for the last `b.len()` unknowns, which belong to the border.
     pub fn work_of_last(&self, b: &[f64]) -> f64 {
         let first = self.n_border - b.len();
         let mut x = vec![0.0; self.n_border];
         x[first..].copy_from_slice(b);
-        forward_border(&self.batches, &mut x, 1);
+        self.forward_border(&mut x, 1);
         dot(&x, &x)
     }
 
@@ -434,19 +451,11 @@ impl Bordered {
         self.base.take_all(whole, y, u);
     }
 
-    /// swept += H q for half-solved columns H; those with q = 0 cost nothing.
+    /// swept += H q for half-solved columns H.
     pub fn add_half(&self, half: &HalfSolved, q: &[f64], swept: &mut Swept) {
-        if q.iter().all(|q| *q == 0.0) {
-            return;
-        }
         let n_rows = half.path.n_rows();
         let mut sum = vec![0.0; n_rows];
-        if n_rows > 0 {
-            let columns = half.base.chunks_exact(n_rows).zip(q);
-            for (column, q) in columns.filter(|c| *c.1 != 0.0) {
-                add_columns(&mut sum, column, n_rows, &[*q]);
-            }
-        }
+        add_columns(&mut sum, &half.base, n_rows, q);
         let (y, border) = swept.values.split_at_mut(self.base.n());
         self.base.scatter_add(&half.path, &sum, y);
         let rows = half.border.chunks_exact(half.m.max(1));
@@ -506,47 +515,6 @@ impl Bordered {
         p
     }
 
-    /// Likewise for some of the columns.
-    pub fn project_some(&self, half: &HalfSolved, columns: &[usize], swept: &Swept) -> Vec<f64> {
-        let n_rows = half.path.n_rows();
-        let mut packed = vec![0.0; n_rows];
-        let (y, border) = swept.values.split_at(self.base.n());
-        self.base.gather(&half.path, y, &mut packed);
-        let along = |&c: &usize| {
-            let rows = half.border.chunks_exact(half.m).zip(border);
-            let on_border: f64 = rows.map(|(row, y)| row[c] * y).sum();
-            dot(&half.base[c * n_rows..(c + 1) * n_rows], &packed) + on_border
-        };
-        columns.iter().map(along).collect()
-    }
-
-    /// Whether this factor is `before` or was appended to it: what is half solved with `before` can be [`extend`](Self::extend)ed.
-    pub fn has_grown_from(&self, before: &Self) -> bool {
-        Arc::ptr_eq(&self.base, &before.base)
-            && self.batches.len() >= before.batches.len()
-            && (self.batches.iter().zip(&before.batches)).all(|(a, b)| Arc::ptr_eq(a, b))
-    }
-
-    /// Completes columns that were half solved before this factor was appended to. `columns`: what they have on unknowns
-    /// appended since (unknown, value).
-    pub fn extend(&self, half: &mut HalfSolved, columns: &[Vec<(u32, f64)>]) {
-        let (m, n) = (half.m, self.base.n());
-        let new = self.batches.partition_point(|b| b.before < half.n_border);
-        half.n_border = self.n_border;
-        half.border.resize(m * self.n_border, 0.0);
-        for (i, column) in columns.iter().enumerate() {
-            for &(j, v) in column {
-                half.border[i + m * (j as usize - n)] += v;
-            }
-        }
-        for b in &self.batches[new..] {
-            let own = &mut half.border[m * b.before..m * (b.before + b.m)];
-            let base = (&half.path, half.base.as_slice(), m);
-            subtract_common(own, m, base, (&b.path, b.w.double(), b.m));
-        }
-        forward_border(&self.batches[new..], &mut half.border, m);
-    }
-
     /// a <- L_S^-1 a.
     fn border_up(&self, a: &mut [f64]) {
         let mut buffer = [0.0; MOST_COLUMNS];
@@ -598,7 +566,7 @@ impl Bordered {
             let own = &mut border[m * b.before..m * (b.before + b.m)];
             subtract_common(own, m, (&path, &base, m), (&b.path, b.w.double(), b.m));
         }
-        forward_border(&self.batches, &mut border, m);
+        self.forward_border(&mut border, m);
         HalfSolved {
             path,
             base,
@@ -625,47 +593,11 @@ impl HalfSolved {
             (&self.path, &self.base, m),
             (&other.path, &other.base, n),
         );
-        self.subtract_border_product(other, 0, &mut c);
+        let a = view(&self.border, m, 0, m, self.n_border);
+        let b = view(&other.border, n, 0, n, other.n_border);
+        subtract_product(view_mut(&mut c, m, 0, m, n), a, b.transpose());
         c.iter_mut().for_each(|v| *v = -*v);
         c
-    }
-
-    /// What the border from its unknown `first` on adds to the compliance.
-    pub fn compliance_from(&self, first: usize, other: &Self) -> Vec<f64> {
-        let mut c = vec![0.0; self.m * other.m];
-        self.subtract_border_product(other, first, &mut c);
-        c.iter_mut().for_each(|v| *v = -*v);
-        c
-    }
-
-    /// Unknowns of the border for which the columns are half solved.
-    pub fn n_border(&self) -> usize {
-        self.n_border
-    }
-
-    fn subtract_border_product(&self, other: &Self, first: usize, c: &mut [f64]) {
-        let (m, n, k) = (self.m, other.m, self.n_border - first);
-        let a = view(&self.border[m * first..], m, 0, m, k);
-        let b = view(&other.border[n * first..], n, 0, n, k);
-        subtract_product(view_mut(c, m, 0, m, n), a, b.transpose());
-    }
-}
-
-/// X <- X L_S^-T for `m` rows X of the border, column-major: the dense forward sweep, batch by batch. What comes before the first of
-/// `batches` has been swept.
-fn forward_border(batches: &[Arc<Batch>], x: &mut [f64], m: usize) {
-    for b in batches {
-        let (known, rest) = x.split_at_mut(m * b.before);
-        let own = &mut rest[..m * b.m];
-        if own.iter().chain(&*known).all(|v| *v == 0.0) {
-            continue;
-        }
-        let left = view(&b.rows, b.m, 0, b.m, b.before);
-        let known = view(known, m, 0, m, b.before);
-        subtract_product(view_mut(own, m, 0, m, b.m), known, left.transpose());
-        let triangle = view(&b.rows[b.m * b.before..], b.m, 0, b.m, b.m);
-        let own = view_mut(own, m, 0, m, b.m);
-        solve_lower_triangular_in_place(triangle, own.transpose_mut(), Par::Seq);
     }
 }
 
@@ -725,8 +657,8 @@ mod tests {
         full
     }
 
-    /// The factor of the leading `n_base` blocks, bordered by the rest in two growths: after each.
-    fn growths(full: &DMatrix<f64>, base: &BlockMatrix) -> [Bordered; 2] {
+    /// The factor of the leading `n_base` blocks, bordered by the rest in two growths.
+    fn bordered(full: &DMatrix<f64>, base: &BlockMatrix) -> Bordered {
         let n = 3 * base.n_blocks();
         let row = |i: usize| BorderRow {
             base: (0..n)
@@ -738,63 +670,23 @@ mod tests {
         let rows: Vec<_> = (n..full.nrows()).map(row).collect();
         let bordered = Bordered::new(factor(base).unwrap());
         let once = bordered.grown(&rows[..5]).unwrap();
-        let twice = once.grown(&rows[5..]).unwrap();
-        [once, twice]
-    }
-
-    fn leading(whole: &BlockMatrix, n_blocks: usize) -> BlockMatrix {
-        let inside = || (whole.iter()).filter(|e| (e.0 as usize) < n_blocks);
-        let mut base = BlockMatrix::zeros(n_blocks, inside().map(|e| (e.1, e.0)));
-        for (row, col, k) in inside() {
-            base.add(row, col, k);
-        }
-        base
-    }
-
-    /// What was half solved before a growth and completed after it is what is half solved anew, for columns that meet the new
-    /// unknowns and for such that do not.
-    #[test]
-    fn half_solved_columns_grow_with_the_factor() {
-        let whole = matrix(70);
-        let base = leading(&whole, 40);
-        let [before, after] = growths(&dense(&whole), &base);
-        assert!(after.has_grown_from(&before) && after.has_grown_from(&after));
-        assert!(!before.has_grown_from(&after));
-        assert!(!after.has_grown_from(&Bordered::new(factor(&base).unwrap())));
-
-        let old = [
-            vec![(3, 1.0), (50, -2.0)],
-            vec![(121, 1.0)],
-            vec![(90, 0.5)],
-        ];
-        let new = [vec![(125, 0.3), (200, -1.0)], vec![], vec![(160, 2.0)]];
-        let both = |k: usize| [&old[k][..], &new[k]].concat();
-        let mut grown = before.half_solve(&old);
-        let was = grown.compliance(&grown);
-        let n_before = grown.n_border();
-        after.extend(&mut grown, &new);
-        let anew = after.half_solve(&[0, 1, 2].map(both));
-        let c = anew.compliance(&anew);
-        let more = grown.compliance_from(n_before, &grown);
-        for (k, exact) in c.iter().enumerate() {
-            assert!((grown.compliance(&anew)[k] - exact).abs() < 1e-14);
-            assert!((was[k] + more[k] - exact).abs() < 1e-14);
-        }
-        let mut swept = Swept::default();
-        let b: Vec<f64> = (0..210).map(|i| f64::from(i).cos()).collect();
-        after.sweep_up(&b, &mut swept, &mut after.scratch());
-        let all = after.project(&anew, &swept);
-        let some = after.project_some(&grown, &[2, 0], &swept);
-        assert!((some[0] - all[2]).abs() < 1e-14 && (some[1] - all[0]).abs() < 1e-14);
+        once.grown(&rows[5..]).unwrap()
     }
 
     #[test]
     fn solves_and_half_solves_agree_with_a_dense_inverse() {
         let whole = matrix(70);
         let full = dense(&whole);
-        let base = leading(&whole, 40);
+        let base = {
+            let mut base =
+                BlockMatrix::zeros(40, whole.iter().filter(|e| e.0 < 40).map(|e| (e.1, e.0)));
+            for (row, col, k) in whole.iter().filter(|e| e.0 < 40) {
+                base.add(row, col, k);
+            }
+            base
+        };
         let inverse = full.clone().try_inverse().unwrap();
-        let [_, factor] = growths(&full, &base);
+        let factor = bordered(&full, &base);
         assert_eq!((factor.n(), factor.n_border()), (210, 90));
         let b = DVector::from_fn(210, |i, _| (i as f64).cos());
         let mut x = b.as_slice().to_vec();

@@ -75,8 +75,6 @@ pub struct PointForce {
     pub point: Vec3,
     /// On the bone \[N\].
     pub force: Vec3,
-    /// How it falls when the point moves against the tool \[N/mm\]: along the way out, and across it where the point clings.
-    pub stiffness: Matrix3<f64>,
 }
 
 /// What the contacts of one tool add up to. Wrenches on the tool, about its origin, in world axes.
@@ -397,9 +395,6 @@ fn turn_with_tool(stiffness: &mut Matrix6, wrench: &Vector6, virial: &Matrix3<f6
     add(3, 3, &-turn);
 }
 
-/// A point whose friction is a smaller share of the most that it can be clings, others slide.
-const CLINGS: f64 = 0.999;
-
 fn to_f64(v: [f32; 3]) -> Vec3 {
     Vec3::from(v.map(f64::from))
 }
@@ -419,25 +414,14 @@ pub fn append_point_forces(
         if forces.len() == forces.capacity() {
             return;
         }
-        let (area, way_out) = (f64::from(contact.area), to_f64(contact.gradient));
-        let push = law.stiffness * area * f64::from(contact.depth);
-        let friction = to_f64(contact.friction);
-        let force = way_out * push + friction;
-        let turn = world_from_tool.rotation;
-        let out = turn * way_out;
-        let mut stiffness = out * out.transpose() * (law.stiffness * area);
-        let rubs = friction.norm() / (law.friction * push * way_out.norm());
-        if rubs > 0.0 && rubs < CLINGS {
-            let across = Matrix3::identity() - out * out.transpose() / out.norm_squared();
-            stiffness += across * (law.tangential_stiffness * area);
-        }
+        let push = law.stiffness * f64::from(contact.area) * f64::from(contact.depth);
+        let force = to_f64(contact.gradient) * push + to_f64(contact.friction);
         let point = nalgebra::Point3::from(to_f64(contact.position));
         forces.push(PointForce {
             cell: contact.cell,
             weights,
             point: (world_from_tool * point).coords,
-            force: turn * force,
-            stiffness,
+            force: world_from_tool.rotation * force,
         });
     }
 }

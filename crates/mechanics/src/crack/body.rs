@@ -193,8 +193,7 @@ impl CrackedBody {
         }
     }
 
-    /// Loads as a sparse right-hand side: (unknown, force \[N\]), each unknown once and none without force: what pushes the two faces
-    /// of the crack apart has no force on the unknowns that both share, and its path through the factor is short.
+    /// Loads as a sparse right-hand side: (unknown, force \[N\]), each unknown once.
     pub fn sparse_loads<'a>(
         &self,
         loads: impl IntoIterator<Item = &'a CellForce>,
@@ -218,7 +217,6 @@ impl CrackedBody {
             kept.1 += if same { later.1 } else { 0.0 };
             same
         });
-        pushed.retain(|p| p.1 != 0.0);
         pushed
     }
 

@@ -510,21 +510,6 @@ impl System {
         self.factor.project(half, swept)
     }
 
-    /// Likewise for some of them; see [`Bordered::project_some`].
-    pub fn project_some(&self, half: &HalfSolved, columns: &[usize], swept: &Swept) -> Vec<f64> {
-        self.factor.project_some(half, columns, swept)
-    }
-
-    /// Whether these equations are those of `before` or were appended to them.
-    pub fn has_grown_from(&self, before: &Self) -> bool {
-        self.factor.has_grown_from(&before.factor)
-    }
-
-    /// Completes forces that were half solved before the crack grew; see [`Bordered::extend`].
-    pub fn extend(&self, half: &mut HalfSolved, columns: &[Vec<(u32, f64)>]) {
-        self.factor.extend(half, columns);
-    }
-
     /// Adds a force \[N\] that acts at the point of `cell` with shape functions `weights` to the right-hand side. What acts on
     /// held coordinates goes into their supports.
     pub fn add_force(

@@ -454,36 +454,6 @@ mod tests {
         );
     }
 
-    /// Faces that press keep their half-solved forces when the crack grows: both come to the rest of faces that know nothing.
-    #[test]
-    fn pressed_faces_are_taken_along_when_the_crack_grows() {
-        let mut bone = sawn_block();
-        let mut faces = FaceContact::default();
-        for step in 1..=3 {
-            let fronts = bone.fronts();
-            let moves = vec![Vec3::x() * 1.3; fronts[0].vertices.len()];
-            let growth = bone.advanced(&[(&fronts[0], &moves)]);
-            bone = bone.grown(bone.cracked.grown(growth).unwrap());
-            // Squeezed together where the bone broke, twisted a little.
-            let squeeze = |i: usize| bone.faces.push_apart(i, -2.0 - 0.1 * i as f64);
-            let places: Vec<_> = bone.faces.places(&bone.cracked).collect();
-            let broken = (0..places.len()).filter(|i| places[*i].gap == 0.0);
-            let loads: Vec<CellForce> = broken.flat_map(squeeze).collect();
-            // A call's relaxation is bounded; the next goes on from its forces.
-            let settled = |faces: &mut FaceContact| {
-                (0..12).for_each(|_| drop(bone.under_loads(&loads, faces)));
-                bone.under_loads(&loads, faces)
-            };
-            let kept = settled(&mut faces);
-            let anew = settled(&mut FaceContact::default());
-            assert!(kept.converged && anew.converged && kept.loads.len() > loads.len());
-            let largest = anew.x.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-            let apart = kept.x.iter().zip(&anew.x).map(|(a, b)| (a - b).abs());
-            let apart = apart.fold(0.0, f64::max);
-            assert!(apart < 1e-5 * largest, "step {step}: {apart} of {largest}");
-        }
-    }
-
     /// Where K has the direction wrong by 70 degrees, the balance finds the way ahead by itself, and none where nothing pays.
     #[test]
     fn the_balance_finds_the_way_that_k_has_wrong() {

@@ -4,13 +4,10 @@
 //! penalty that is stiff against the bone; because the bone's compliance at these points is known from half solves with the
 //! kept factor, the penalty is solved implicitly (projected Gauss-Seidel) and never limits the relaxation.
 use super::bone::Bone;
-use super::yielding::Yielding;
 use crate::bone::{HalfSolved, Region, SolveScratch, Swept};
 use crate::crack::stress_intensity::CellForce;
-use crate::crack::{Cell, CrackedBody, CutEdges, System, cut_area};
+use crate::crack::{Cell, CrackedBody, CutEdges, cut_area};
 use crate::geometry::{Aabb, TetMesh, Vec3};
-use nalgebra::{DMatrix, DVector};
-use std::sync::Arc;
 
 /// One pair of opposite points.
 #[derive(Clone, Copy, Debug)]
@@ -250,45 +247,28 @@ fn pair(body: &CrackedBody, t: u32) -> Option<FacePair> {
     })
 }
 
-/// Keeps the faces apart; remembers pressures (for the warm start) and compliances.
+/// Keeps the faces apart; remembers pressures (for the warm start) and, within a bone generation, compliances.
 #[derive(Debug, Default)]
 pub struct FaceContact {
     generation: Option<u32>,
-    /// The equations of that generation.
-    system: Option<Arc<System>>,
-    /// Pairs whose unit forces are half solved, in the order in which they were met.
-    known: Vec<Known>,
-    /// These unit forces, some together, and b_i . K^-1 b_j of each two of these batches, the later by the earlier.
-    half: Vec<HalfSolved>,
-    compliance: Vec<Vec<Vec<f64>>>,
-    /// The known pairs that may press in this step.
+    /// Force of each active pair \[N\].
+    force: Vec<f64>,
+    /// Pairs whose compliance is known, in the order they were met.
     active: Vec<usize>,
-    /// How the patches under the tools move by each batch in this step: B^T K^-1 b.
-    at_patches: Vec<Option<DMatrix<f64>>>,
+    /// The tetrahedron of each active pair.
+    tets: Vec<u32>,
+    /// The active pairs' unit forces, half solved.
+    half: Vec<HalfSolved>,
+    /// b_i . K^-1 b_j of the active pairs.
+    compliance: Vec<Vec<f64>>,
     /// Opening of each pair at the start of the step \[mm\].
     opening: Vec<f64>,
 }
 
-/// A pair whose unit force is half solved.
-#[derive(Debug)]
-struct Known {
-    /// Which pair, and its tetrahedron.
-    pair: usize,
-    tet: u32,
-    /// Its unit force: (unknown, value).
-    load: Vec<(u32, f64)>,
-    /// Where its half-solved force is: batch and column.
-    at: (usize, usize),
-    /// \[N\]
-    force: f64,
-}
-
-/// Most pairs that are known at once; beyond it the deepest come first.
-const MOST_KNOWN: usize = 256;
+/// Most pairs that can press at once; beyond it the deepest come first.
+const MOST_ACTIVE: usize = 256;
 /// Most pairs taken in at once: where the deepest are pressed apart, most others no longer overlap.
 const MOST_NEW: usize = 24;
-/// Known pairs that do not press and are farther apart than this \[mm\] take no part until they overlap.
-const NEAR: f64 = 0.02;
 /// Stiffness of the penalty \[N/mm3\]: a pressure of 10 MPa overlaps the faces by a micrometre.
 const STIFFNESS: f64 = 1e4;
 
@@ -297,265 +277,128 @@ impl FaceContact {
     pub fn start(&mut self, bone: &Bone, before: &[f64]) {
         self.follow(bone);
         self.opening = bone.faces.openings(bone, before);
-        let may_press = |k: &usize| {
-            let known = &self.known[*k];
-            known.force > 0.0 || self.opening[known.pair] < NEAR
-        };
-        self.active = (0..self.known.len()).filter(may_press).collect();
-        self.at_patches = vec![None; self.half.len()];
     }
 
     /// Solves for the way `moved` from the start of the step in a region that has all cells of the faces, under the loads that are half
-    /// solved in `swept` and the faces' pressures, which are added to it, with what the tools give way under them. Returns these forces,
-    /// and whether no further faces overlap then; those that do are pressed apart from the next call on.
+    /// solved in `swept` and the faces' pressures, which are added to it. Returns these forces, and whether no further faces overlap
+    /// then; those that do are pressed apart from the next call on.
     pub fn press(
         &mut self,
         bone: &Bone,
         region: &Region,
-        yielding: Option<&Yielding>,
         swept: &mut Swept,
         moved: &mut [f64],
         scratch: &mut SolveScratch,
     ) -> (Vec<CellForce>, bool) {
-        self.relax(bone, yielding, swept);
-        let mut forces: Vec<_> = (self.half.iter())
-            .map(|half| vec![0.0; half.n_columns()])
-            .collect();
-        for k in &self.active {
-            let known = &self.known[*k];
-            forces[known.at.0][known.at.1] = known.force;
-        }
-        for (half, own) in self.half.iter().zip(&forces) {
+        self.relax(bone, swept);
+        let mut forces = &self.force[..];
+        for half in &self.half {
+            let (own, rest) = forces.split_at(half.n_columns());
             bone.system.add_half(half, own, swept);
+            forces = rest;
         }
         (bone.system).sweep_down_region(region, swept, moved, scratch);
-        let pressing = self.active.iter().map(|k| &self.known[*k]);
+        let pressing = self.active.iter().zip(&self.force).filter(|p| *p.1 > 0.0);
         let pressures = pressing
-            .filter(|k| k.force > 0.0)
-            .flat_map(|k| bone.faces.pairs[k.pair].forces(k.force))
+            .flat_map(|(&i, &f)| bone.faces.pairs[i].forces(f))
             .collect();
         let overlapping = self.overlapping(bone, moved);
         self.take_in(bone, &overlapping);
         (pressures, overlapping.is_empty())
     }
 
-    /// On a new generation the pairs that press stay known where they still are, with the force they had.
+    /// On a new generation the pairs that press stay active where they still are, with the force they had.
     fn follow(&mut self, bone: &Bone) {
         if self.generation == Some(bone.generation) {
             return;
         }
-        let old = std::mem::take(self);
-        self.generation = Some(bone.generation);
-        self.system = Some(Arc::clone(&bone.system));
         let tet_of = |p: &FacePair| bone.topology.cells()[p.cells[0] as usize].tet;
         let pairs = &bone.faces.pairs;
-        let has_room = old.known.len() <= MOST_KNOWN / 2;
-        let is_appended = |s: &Arc<System>| has_room && bone.system.has_grown_from(s);
-        let before = old.system.filter(is_appended).map(|s| s.n() as u32);
-        let mut again = Vec::new();
-        let mut kept = Vec::new();
-        for known in old.known {
-            let Ok(pair) = pairs.binary_search_by_key(&known.tet, tet_of) else {
-                continue;
-            };
-            let load = bone.sparse_loads(&pairs[pair].forces(1.0));
-            let is_same = before.is_some_and(|n| {
-                let older = load.partition_point(|l| l.0 < n);
-                load[..older] == known.load
-            });
-            if is_same {
-                kept.push(Known {
-                    pair,
-                    load,
-                    ..known
-                });
-            } else if known.force > 0.0 {
-                again.push((pair, known.force));
-            }
-        }
-        if let Some(n_before) = before {
-            self.keep(bone, n_before, kept, old.half, &old.compliance);
-        }
-        let (pairs, forces): (Vec<usize>, Vec<f64>) = again.into_iter().unzip();
-        let first = self.known.len();
-        self.half_solve(bone, &pairs);
-        (self.known[first..].iter_mut().zip(forces)).for_each(|(known, force)| known.force = force);
-    }
-
-    /// Takes over what is half solved of an earlier generation with `n_before` unknowns: batches of which some pair presses.
-    fn keep(
-        &mut self,
-        bone: &Bone,
-        n_before: u32,
-        mut kept: Vec<Known>,
-        half: Vec<HalfSolved>,
-        compliance: &[Vec<Vec<f64>>],
-    ) {
-        let mut is_kept = vec![false; half.len()];
-        let pressing = kept.iter().filter(|k| k.force > 0.0);
-        pressing.for_each(|k| is_kept[k.at.0] = true);
-        kept.retain(|k| is_kept[k.at.0]);
-        let mut batches = Vec::new();
-        for (b, mut half) in half.into_iter().enumerate().filter(|b| is_kept[b.0]) {
-            let mut columns = vec![Vec::new(); half.n_columns()];
-            for known in kept.iter_mut().filter(|k| k.at.0 == b) {
-                let newer = known.load.partition_point(|l| l.0 < n_before);
-                columns[known.at.1] = known.load[newer..].to_vec();
-            }
-            let n_border = half.n_border();
-            bone.system.extend(&mut half, &columns);
-            self.half.push(half);
-            batches.push((b, n_border));
-        }
-        for (i, (a, n_border)) in batches.iter().enumerate() {
-            let block = |(j, (b, _)): (usize, &(usize, usize))| {
-                let more = self.half[i].compliance_from(*n_border, &self.half[j]);
-                let all = compliance[*a][*b].iter().zip(more).map(|(c, m)| c + m);
-                all.collect()
-            };
-            let row = batches[..=i].iter().enumerate().map(block).collect();
-            self.compliance.push(row);
-        }
-        let place = |b: usize| batches.partition_point(|(a, _)| *a < b);
-        kept.iter_mut().for_each(|k| k.at.0 = place(k.at.0));
-        self.known = kept;
+        let old = std::mem::take(self);
+        self.generation = Some(bone.generation);
+        let pressing = old.tets.iter().zip(old.force).filter(|p| p.1 > 0.0);
+        let kept =
+            pressing.filter_map(|(t, f)| Some((pairs.binary_search_by_key(t, tet_of).ok()?, f)));
+        let (kept, force): (Vec<usize>, Vec<f64>) = kept.unzip();
+        self.take_in(bone, &kept);
+        self.force = force;
     }
 
     /// The pairs that overlap after the way `moved` and are not active, the deepest first, as many as may become so.
     fn overlapping(&self, bone: &Bone, moved: &[f64]) -> Vec<usize> {
         let pairs = bone.faces.pairs.iter().zip(&self.opening);
         let opening: Vec<f64> = pairs.map(|(p, o)| o + p.jump(bone, moved)).collect();
-        let mut is_active = vec![false; opening.len()];
-        let active = self.active.iter().map(|k| self.known[*k].pair);
-        active.for_each(|pair| is_active[pair] = true);
         let mut new: Vec<usize> = (0..opening.len())
-            .filter(|i| opening[*i] < 0.0 && !is_active[*i])
+            .filter(|i| opening[*i] < 0.0 && !self.active.contains(i))
             .collect();
         new.sort_by(|a, b| opening[*a].total_cmp(&opening[*b]).then(a.cmp(b)));
-        new.truncate(MOST_NEW);
+        new.truncate(MOST_NEW.min(MOST_ACTIVE - self.active.len().min(MOST_ACTIVE)));
         new
     }
 
-    /// Lets pairs press, without force yet.
+    /// Makes pairs active, without force yet.
     fn take_in(&mut self, bone: &Bone, new: &[usize]) {
-        let known = |pair: &usize| self.known.iter().position(|k| k.pair == *pair);
-        let (found, unknown): (Vec<_>, Vec<_>) =
-            (new.iter().map(|pair| (known(pair), *pair))).partition(|(known, _)| known.is_some());
-        self.active
-            .extend(found.iter().filter_map(|(known, _)| *known));
-        let room = MOST_KNOWN - self.known.len().min(MOST_KNOWN);
-        let unknown: Vec<usize> = unknown.into_iter().map(|u| u.1).take(room).collect();
-        let first = self.known.len();
-        self.half_solve(bone, &unknown);
-        self.active.extend(first..self.known.len());
-        self.at_patches.resize(self.half.len(), None);
-    }
-
-    /// Makes pairs known, without force yet.
-    fn half_solve(&mut self, bone: &Bone, new: &[usize]) {
         if new.is_empty() {
             return;
         }
         let pairs = &bone.faces.pairs;
         let unit = |i: &usize| bone.sparse_loads(&pairs[*i].forces(1.0));
         let columns: Vec<_> = new.iter().map(unit).collect();
-        let batch = self.half.len();
         self.half.push(bone.system.half_solve(&columns));
-        let newest = &self.half[batch];
-        let row = self.half.iter().map(|half| newest.compliance(half));
-        self.compliance.push(row.collect());
-        let known = new.iter().zip(columns).enumerate();
-        self.known
-            .extend(known.map(|(column, (&pair, load))| Known {
-                pair,
-                tet: bone.topology.cells()[pairs[pair].cells[0] as usize].tet,
-                load,
-                at: (batch, column),
-                force: 0.0,
-            }));
+        let newest = &self.half[self.half.len() - 1];
+        let first = self.active.len();
+        self.compliance.resize(first + new.len(), Vec::new());
+        let mut column = 0;
+        for half in &self.half {
+            // One row a known pair, one column a new one.
+            let block = half.compliance(newest);
+            for (k, c) in block.iter().enumerate() {
+                let (i, j) = (column + k % half.n_columns(), first + k / half.n_columns());
+                self.compliance[j].push(*c);
+                if i < first {
+                    self.compliance[i].push(*c);
+                }
+            }
+            column += half.n_columns();
+        }
+        let tet_of = |i: &usize| bone.topology.cells()[pairs[*i].cells[0] as usize].tet;
+        self.tets.extend(new.iter().map(tet_of));
+        self.active.extend(new);
+        self.force.resize(self.active.len(), 0.0);
     }
 
-    /// b_i . K^-1 b_j of two known pairs.
-    fn compliance(&self, i: usize, j: usize) -> f64 {
-        let (a, b) = (self.known[i].at, self.known[j].at);
-        let (late, early) = if a.0 >= b.0 { (a, b) } else { (b, a) };
-        self.compliance[late.0][early.0][late.1 + self.half[late.0].n_columns() * early.1]
-    }
-
-    /// Projected Gauss-Seidel on the active pairs: opening + compliance of the penalty = 0 or force = 0. The tools' yielding is part of
-    /// the compliance: what lies loose between a tool and a face is moved by both.
-    fn relax(&mut self, bone: &Bone, yielding: Option<&Yielding>, swept: &mut Swept) {
+    /// Projected Gauss-Seidel on the active pairs: opening + compliance of the penalty = 0 or force = 0.
+    fn relax(&mut self, bone: &Bone, swept: &Swept) {
         const SWEEPS: usize = 200;
         let faces = &bone.faces;
-        let n = self.active.len();
-        if n == 0 {
-            return;
-        }
-        let mut columns = vec![Vec::new(); self.half.len()];
-        let mut places = vec![Vec::new(); self.half.len()];
-        for (a, k) in self.active.iter().enumerate() {
-            let (batch, column) = self.known[*k].at;
-            columns[batch].push(column);
-            places[batch].push(a);
-        }
-        let mut free: Vec<f64> = (self.active.iter())
-            .map(|k| self.opening[self.known[*k].pair])
+        let moved = self.half.iter().flat_map(|h| bone.system.project(h, swept));
+        let free: Vec<f64> = (self.active.iter().zip(moved))
+            .map(|(&i, u)| self.opening[i] + u)
             .collect();
-        for (half, (columns, places)) in self.half.iter().zip(columns.iter().zip(&places)) {
-            if !columns.is_empty() {
-                let moved = bone.system.project_some(half, columns, swept);
-                places.iter().zip(moved).for_each(|(a, u)| free[*a] += u);
-            }
-        }
-        let mut compliance =
-            DMatrix::from_fn(n, n, |a, b| self.compliance(self.active[a], self.active[b]));
-        let at_patches = yielding.map(|yielding| {
-            let mut all = DMatrix::zeros(yielding.n_columns(), n);
-            for (batch, (columns, places)) in columns.iter().zip(&places).enumerate() {
-                if columns.is_empty() {
-                    continue;
-                }
-                let half = &self.half[batch];
-                let of = self.at_patches[batch].get_or_insert_with(|| yielding.moved_by(half));
-                for (column, a) in columns.iter().zip(places) {
-                    all.set_column(*a, &of.column(*column));
-                }
-            }
-            compliance -= all.transpose() * yielding.given_way(&all);
-            all
-        });
         // Most pairs that once pressed no longer do: only changes are told to the others.
-        let mut force: Vec<f64> = self.active.iter().map(|k| self.known[*k].force).collect();
-        let mut pressed = vec![0.0; n];
-        let tell = |a: usize, by: f64, pressed: &mut [f64]| {
-            let column = compliance.column(a);
-            let pairs = pressed.iter_mut().zip(column.iter());
+        let mut pressed = vec![0.0; self.active.len()];
+        let tell = |row: &[f64], by: f64, pressed: &mut [f64]| {
+            let pairs = pressed.iter_mut().zip(row);
             pairs.for_each(|(p, c)| *p += c * by);
         };
-        let pressing = force.iter().enumerate().filter(|f| *f.1 > 0.0);
-        pressing.for_each(|(a, f)| tell(a, *f, &mut pressed));
+        let pressing = self.compliance.iter().zip(&self.force);
+        (pressing.filter(|p| *p.1 > 0.0)).for_each(|(row, f)| tell(row, *f, &mut pressed));
         for _ in 0..SWEEPS {
             let mut change = 0.0_f64;
-            for a in 0..n {
-                let area = faces.pairs[self.known[self.active[a]].pair].area;
-                let (own, soft) = (compliance[(a, a)], 1.0 / (STIFFNESS * area.max(1e-6)));
-                let old = force[a];
-                let new = (old - (free[a] + pressed[a] + soft * old) / (own + soft)).max(0.0);
+            for (a, &i) in self.active.iter().enumerate() {
+                let row = &self.compliance[a];
+                let soft = 1.0 / (STIFFNESS * faces.pairs[i].area.max(1e-6));
+                let old = self.force[a];
+                let new = (old - (free[a] + pressed[a] + soft * old) / (row[a] + soft)).max(0.0);
                 if new != old {
-                    force[a] = new;
-                    tell(a, new - old, &mut pressed);
-                    change = change.max((new - old).abs() * own);
+                    self.force[a] = new;
+                    tell(row, new - old, &mut pressed);
+                    change = change.max((new - old).abs() * row[a]);
                 }
             }
             if change < 1e-9 {
                 break;
             }
-        }
-        for (k, f) in self.active.iter().zip(&force) {
-            self.known[*k].force = *f;
-        }
-        if let (Some(yielding), Some(at_patches)) = (yielding, at_patches) {
-            yielding.follow(bone, &(at_patches * DVector::from_vec(force)), swept);
         }
     }
 }

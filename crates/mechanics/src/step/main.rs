@@ -3,7 +3,7 @@ use super::bone::{Bone, BoneState};
 use super::crack_faces::FaceContact;
 use super::relaxation::Acceleration;
 use super::sweep_region::SweepRegion;
-use super::yielding::{Pressed, Yielding};
+use super::yielding::{Patch, Yielding};
 use crate::bone::{SolveScratch, Swept};
 use crate::contact::{Anchors, BoundingVolumes, ContactScene, NearPoints, PointForce, Wrench};
 use crate::crack::stress_intensity::CellForce;
@@ -12,7 +12,6 @@ use crate::tool::{
     BoneCompliance, ScratchLimits, SolveSettings, ToolInput, ToolModel, ToolScratch, ToolsResult,
     ToolsState, solve_tools_on_threads,
 };
-use nalgebra::Matrix3;
 
 /// Bounds of the relaxation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -389,15 +388,9 @@ fn solve_bone(
     };
     let mut loads: Vec<_> = forces.iter().map(|f| (load(f), Source::Tool)).collect();
     if is_first {
-        let points = forces.iter().map(|f| (f.point, load(f), f.stiffness));
-        let pressed = pressed(
-            model,
-            input,
-            tools,
-            points.collect(),
-            state.tools.contacts(0).len(),
-        );
-        state.yielding = Yielding::new(bone, &pressed);
+        let points: Vec<_> = forces.iter().map(|f| (f.point, load(f))).collect();
+        let patches = patches(model, input, tools, points, state.tools.contacts(0).len());
+        state.yielding = Yielding::new(bone, &patches);
     }
     let swept = &mut state.swept;
     swept.clone_from(&state.pulled);
@@ -411,26 +404,24 @@ fn solve_bone(
         trial,
         solve,
         faces,
-        yielding,
         ..
     } = state;
-    let region = &region.region;
-    let (pressures, are_apart) = faces.press(bone, region, yielding.as_ref(), swept, trial, solve);
+    let (pressures, are_apart) = faces.press(bone, &region.region, swept, trial, solve);
     loads.extend(pressures.into_iter().map(|p| (p, Source::Face)));
     let trial = state.guess(state.swept.values());
     (trial, loads, are_apart)
 }
 
 /// The contacts of each tool (the first tool's come first) with its coupling's stiffness.
-fn pressed(
+fn patches(
     model: &ToolModel,
     input: &MainInput,
     tools: &ToolsState,
-    mut points: Vec<(Vec3, CellForce, Matrix3<f64>)>,
+    mut points: Vec<(Vec3, CellForce)>,
     n_first: usize,
-) -> [Pressed; 2] {
+) -> [Patch; 2] {
     let second = points.split_off(n_first.min(points.len()));
-    let of = |t: usize, contacts| Pressed {
+    let patch = |t: usize, contacts| Patch {
         contacts,
         tool: tools.poses[t],
         stiffness: model.tools[t]
@@ -438,5 +429,5 @@ fn pressed(
             .respond(&input.devices[t], &tools.poses[t])
             .stiffness,
     };
-    [of(0, points), of(1, second)]
+    [patch(0, points), patch(1, second)]
 }

@@ -24,14 +24,8 @@ impl Bone {
         state.converged = false;
         for _ in 0..MOST_ROUNDS {
             swept.clone_from(&loaded);
-            let (pressures, are_apart) = faces.press(
-                self,
-                &everywhere,
-                None,
-                &mut swept,
-                &mut state.x,
-                &mut scratch,
-            );
+            let (pressures, are_apart) =
+                faces.press(self, &everywhere, &mut swept, &mut state.x, &mut scratch);
             state.loads.truncate(loads.len());
             state.loads.extend(pressures);
             if are_apart {
