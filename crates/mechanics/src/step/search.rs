@@ -10,9 +10,9 @@ use crate::crack::stress_intensity::Station;
 use crate::crack::{BodyError, EvaluatedFront};
 use crate::geometry::Vec3;
 
-/// Where no growth pays though the body's energy would pay so many times for it, K is wrong. Below, the load may well have to rise,
+/// Where no growth pays though the body's energy would pay so many times for it, K is wrong. Below, the load may well have to rise.
 const RESERVE: f64 = 10.0;
-/// as it may where a growth sets free this share of the body's energy. What is stored grows with the lever between load and front, and
+/// So it may where a growth sets free this share of the body's energy. What is stored grows with the lever between load and front, and
 /// with it what a growth costs is a smaller part of it: the arms of a beam give up a tenth over an increment when the crack is thirty
 /// increments long (U goes with a^-3).
 const SHARE: f64 = 0.05;
