@@ -32,6 +32,8 @@ const RAISED: f64 = 1.1;
 const MOST_FORCE: f64 = 10_000.0;
 /// Growth steps at most.
 const MOST_STEPS: usize = 600;
+/// What has broken is written whenever so many growths are done: on fine meshes the rest takes long.
+const WRITTEN_EACH: usize = 25;
 
 const USAGE: &str = "give jaw-split SCENARIO kept|driven OUT [plan=SURFACE.stl] [against=OTHER/faces.csv] [KEY=VALUE...]";
 
@@ -71,8 +73,9 @@ pub fn run(arguments: &[String]) -> Result<()> {
     let out = Path::new(out);
     std::fs::create_dir_all(out)?;
     let mut study = Study::new(&scenario, prepare(&scenario, &mut |_, _| ())?, strategy)?;
-    study.split()?;
+    study.split(out)?;
     study.write(out)?;
+    study.print();
     let faces = study.broken();
     if let Some(plan) = named("plan=") {
         let plan = MeshDistance::new(read_stl(Path::new(plan))?);
@@ -130,7 +133,7 @@ impl Study {
     }
 
     /// Grows the crack until the jaw is apart, nothing more grows or there is no place left to push.
-    fn split(&mut self) -> Result<()> {
+    fn split(&mut self, out: &Path) -> Result<()> {
         let mut force: f64 = 50.0;
         while !self.bone.is_severed() && self.steps.len() < MOST_STEPS {
             let Some(unit) = self.pairs() else {
@@ -156,6 +159,9 @@ impl Study {
                 self.bone.fragments.count()
             );
             self.steps.push(step);
+            if self.steps.len().is_multiple_of(WRITTEN_EACH) {
+                self.write(out)?;
+            }
         }
         Ok(())
     }
@@ -242,6 +248,10 @@ impl Study {
         let state = self.under(&self.pairs().unwrap_or_default(), last);
         let bone = final_bone(&self.bone, &state);
         std::fs::write(out.join("bone.vtu"), write_final_bone(&bone))?;
+        Ok(())
+    }
+
+    fn print(&self) {
         let mut forces: Vec<f64> = self.steps.iter().map(|s| s.force).collect();
         let start = forces.first().copied().unwrap_or(0.0);
         forces.sort_by(f64::total_cmp);
@@ -267,7 +277,6 @@ impl Study {
                 100.0 * share
             );
         }
-        Ok(())
     }
 }
 
